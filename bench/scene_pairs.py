@@ -20,11 +20,11 @@ from eig3.effects import (
     Gravity,
     HardeningSpring,
     HarmonicForce,
+    HertzContact,
     LennardJones,
     LinearDamper,
     LinearSpring,
     Link,
-    MassContact,
     Morse,
     Motion,
     PlaneContact,
@@ -202,9 +202,9 @@ def catalogue(dimension: int, strength: float) -> Iterator[Effect]:
     yield HarmonicForce(strength * up, 2.0)
     yield HardeningSpring(1.0 * strength, 0.1, 1.0)
     yield PlaneContact(10.0 * strength, up, -50.0)
-    yield MassContact(10.0 * strength, 0.5)
+    yield HertzContact(10.0 * strength, 0.5)
     yield LennardJones(strength, 0.1, 0.5)
-    yield Coulomb(strength, 0.5)
+    yield Coulomb(strength, cutoff=0.5)
     yield Morse(strength, 1.0, 1.0)
     yield CoulombFriction(0.1 * strength, 9.81)
     if dimension > 1:

@@ -14,6 +14,7 @@ import numpy as np
 import eig3
 from eig3 import effects
 from eig3.effects import Body
+from eig3.functions.callbacks import jit
 from eig3.kernels.compile.jit import compiled
 from eig3.kernels.protocol import VECTOR
 from eig3.options import Files, add_out
@@ -104,6 +105,7 @@ def instructions() -> list[list[str]]:
 
 def assembly(rhs: Any) -> list[str]:
     """The instructions of a right-hand side without names of functions, since their numbers differ from run to run."""
+    rhs = jit(rhs.py_func, cache=False)  # code from the disk has no text
     compiled(rhs, VECTOR.rhs.args)
     lines = (line.strip() for line in rhs.inspect_asm(VECTOR.rhs.args).splitlines())
     return [

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .kernels.loops.formulas import Formulas, formulas
+from .keywords import refuse_unknown
 
 #: Largest number of degrees of freedom n for which "auto" changes to Newton's method, whose differences take n + 1
 #: evaluations in each iteration.
@@ -77,6 +78,11 @@ class Method:
     jacobian: Callable | None = None
     takes_constraints: ClassVar[bool] = True
     second: ClassVar[str] = ""
+
+    def __new__(cls, *values: Any, **fields: Any) -> Any:
+        if fields:
+            refuse_unknown(cls, fields)
+        return super().__new__(cls)
 
     def __init_subclass__(cls) -> None:
         if not isinstance(vars(cls).get("name"), str):

@@ -26,6 +26,7 @@ from .functions.layout import Layout
 from .functions.named import Parameters, in_layout, named
 from .functions.quantities import EnergyLessWork
 from .kernels.protocol import SCALAR, VECTOR
+from .keywords import with_suggestions
 from .methods import Method
 from .result import storage
 from .result.labels import Labels
@@ -40,7 +41,7 @@ Draw = Callable[[Any, Solution], None]
 
 _START = ("u0", "v0", "params")
 _OF_A_CALL = ("progress", "raise_on_failure", "cancel", "save_to")  # the options that belong to one run
-_OF_RHS = ("rhs", "integrals")  # these fields change only with the right-hand side
+_OF_RHS = ("rhs", "quadratures")  # these fields change only with the right-hand side
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,7 @@ class UnknownMotion:
         return self
 
 
+@with_suggestions()
 @dataclass(frozen=True, eq=False)
 class Problem:
     """A second-order initial value problem u'' = f(t, u, u'), with its energy and exact solution where they are known.
@@ -103,11 +105,12 @@ class Problem:
         A step that resolves the motion, suggested for a first run.
     draw : callable, optional
         ``draw(figure, solution)`` draws the response on a matplotlib figure, with the panels of `eig3.drawing`.
-    integrals : tuple of str
-        Names of integrals over time that `integrate` follows, such as "work". For each of them rhs, in the vector form,
-        can be called with one more degree of freedom after the n of u0, whose acceleration is the integrand. Its
-        velocity is then the integral, which the method computes to its own order, and which energy may read. rhs and
-        energy must also accept u and v without these degrees of freedom.
+    quadratures : tuple of str
+        Names of quadratures over time that `integrate` follows, such as "work"; this is the word of SUNDIALS, because
+        first integrals are `invariants`. For each of them rhs, in the vector form, can be called with one more degree
+        of freedom after the n of u0, whose acceleration is the integrand. Its velocity is then the integral, which the
+        method computes to its own order, and which energy may read. rhs and energy must also accept u and v without
+        these degrees of freedom.
     events : dict of str to Event
         Events of the motion by name, such as the impacts of a ball, which `integrate` follows.
     view : callable, optional
@@ -140,7 +143,7 @@ class Problem:
     energy_unit: str = "J"
     units: str | tuple[str, ...] = "m"
     names: tuple[str, ...] = ()
-    integrals: tuple[str, ...] = ()
+    quadratures: tuple[str, ...] = ()
     events: Mapping[str, Event] = field(default_factory=dict)
     view: View | None = None
     outputs: Mapping[str, Any] = field(default_factory=dict)
@@ -148,7 +151,7 @@ class Problem:
     masses: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        check_names(self.integrals, "integrals")
+        check_names(self.quadratures, "quadratures")
         u0, v0, _ = check_state(self.u0, self.v0)
         own = {"u0": u0, "v0": v0, "t_span": check_span(self.t_span)}  # later changes of the caller's do not matter
         own |= {"events": dict(self.events), "outputs": dict(self.outputs)}
@@ -171,7 +174,7 @@ class Problem:
         Parameters
         ----------
         **changes
-            New values of attributes. u0, v0 and params keep their shapes. rhs and integrals cannot be changed.
+            New values of attributes. u0, v0 and params keep their shapes. rhs and quadratures cannot be changed.
 
         Returns
         -------
@@ -211,6 +214,7 @@ class Problem:
         params, u0, v0, t_span = (new.get(name, getattr(self, name)) for name in ("params", "u0", "v0", "t_span"))
         return again(params, u0, v0, t_span[0])
 
+    @with_suggestions(run_options)
     def integrate(
         self, *, h: float | None = None, method: str | Method | None = None, t_end: float | None = None, **options: Any
     ) -> Solution:
@@ -224,19 +228,20 @@ class Problem:
             The end of the run; ``t_span[1]`` if not given.
         **options
             Other options of `eig3.integrate`, such as rtol and t_eval. `invariants` replaces the energy. Functions in
-            `invariants` and `outputs` get u and v with one more degree of freedom for each of `integrals`. `events`
+            `invariants` and `outputs` get u and v with one more degree of freedom for each of `quadratures`. `events`
             replaces those of the problem.
 
         Returns
         -------
         Solution
-            With `integrals`, if the problem follows any.
+            With `quadratures`, if the problem follows any.
         """
         _refuse_fields(options, "integrate")
         of_call = {name: options.pop(name) for name in _OF_A_CALL if name in options}
         span = None if t_end is None else (self.t_span[0], t_end)
         return self.prepare(h=h, method=method, **options)(span, **of_call)
 
+    @with_suggestions(run_options)
     def prepare(self, **options: Any) -> Prepared:
         """Prepare runs of the problem, as `eig3.prepare` does.
 
@@ -249,7 +254,7 @@ class Problem:
         -------
         Prepared
             In a call, t_span, u0, v0 and params are those of the problem where they are left out. The solution has
-            `integrals`, if the problem follows any.
+            `quadratures`, if the problem follows any.
         """
         options = self._with_own(options, "prepare")
         options["invariants"] = self._balanced(options["invariants"])
@@ -288,18 +293,19 @@ class Problem:
         if isinstance(found, EnsembleSolution):
             return found.with_functions(self.rhs, outputs=outputs, jacobian=jacobian, **options)
         n = 1 if found.u.ndim == 1 else found.u.shape[1]
-        if (n, tuple(found.integrals)) != (np.size(self.u0), tuple(self.integrals)):
+        if (n, tuple(found.quadratures)) != (np.size(self.u0), tuple(self.quadratures)):
             raise ValueError(f"{path} has a run with {n} degrees of freedom, which is not one of {self.name}.")
         if self.energy is not None and "energy" in found.drift:
             options.setdefault("invariants", {"energy": self.energy})
         options["invariants"] = self._balanced(options.get("invariants"))
         if found.events:
             options.setdefault("events", self.events)
-        options |= {"labels": self.labels, "integrals": tuple(self.integrals)}
+        options |= {"labels": self.labels, "quadratures": tuple(self.quadratures)}
         solution = with_functions(found, self.rhs, outputs=outputs, jacobian=jacobian, **options)
         solution.labels = self.labels
         return solution
 
+    @with_suggestions(ensemble)
     def ensemble(
         self,
         *,
@@ -327,7 +333,7 @@ class Problem:
         Returns
         -------
         EnsembleSolution
-            With `integrals`, if the problem follows any.
+            With `quadratures`, if the problem follows any.
 
         Raises
         ------
@@ -344,18 +350,18 @@ class Problem:
             given: Any = (self.u0, u0), (self.v0, v0), (0.0, 0.0 if h is None else h)
             if any(np.ndim(x) > np.ndim(own) and np.shape(x)[0] == params.size > 1 for own, x in given):
                 params = params[None]  # they are shared also if there are as many parameters as members
-        if self.integrals:
+        if self.quadratures:
             n = np.size(self.u0)
             for name, x in zip(("u0", "v0"), start, strict=True):
                 if np.shape(x)[-1:] != (n,):
                     raise ValueError(
                         f"{name} must have the shape ({n},) or (m, {n}) in {self.name}, not {np.shape(x)}."
                     )
-            start = [_with_integrals(x, len(self.integrals)) for x in start]
+            start = [_with_quadratures(x, len(self.quadratures)) for x in start]
         return ensemble(self.rhs, span, *start, h=h, params=params, **options)
 
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
-        """Return a `Stepper` at the start of the problem, which does not follow `integrals`.
+        """Return a `Stepper` at the start of the problem, which does not follow `quadratures`.
 
         Raises
         ------
@@ -398,7 +404,7 @@ class Problem:
     def energy_of(self, u: ArrayLike, v: ArrayLike, t: ArrayLike | None = None) -> Any:
         """Return the energy of a state, or of each state of a history.
 
-        Where the problem follows the work, this is the mechanical energy, and it changes by ``integrals["work"]``.
+        Where the problem follows the work, this is the mechanical energy, and it changes by ``quadratures["work"]``.
 
         Parameters
         ----------
@@ -493,13 +499,13 @@ class Problem:
         invariants = {} if self.energy is None else {"energy": self.energy}
         options = {"events": self.events, "invariants": invariants, **options}
         options |= {"method": self._with_masses(options.get("method")), "labels": self.labels}
-        return options | {"integrals": tuple(self.integrals)}
+        return options | {"quadratures": tuple(self.quadratures)}
 
     def _with_masses(self, method: Any) -> Any:
         """Return a method that knows the masses of the problem, if it is a record."""
         if self.masses is None or not isinstance(method, Method):
             return method
-        masses = np.append(np.asarray(self.masses, dtype=np.float64), np.full(len(self.integrals), np.inf))
+        masses = np.append(np.asarray(self.masses, dtype=np.float64), np.full(len(self.quadratures), np.inf))
         return method.for_masses(masses, self.name)
 
     def _checked(self, name: str, value: Any) -> Any:
@@ -518,14 +524,14 @@ class Problem:
 
     def _balanced(self, invariants: Any) -> Any:
         """Return the invariants, with the energy less the work if the problem follows the work."""
-        if "work" not in self.integrals or not isinstance(invariants, Mapping):
+        if "work" not in self.quadratures or not isinstance(invariants, Mapping):
             return invariants
-        balance = EnergyLessWork(self.energy, np.size(self.u0) + self.integrals.index("work"))
+        balance = EnergyLessWork(self.energy, np.size(self.u0) + self.quadratures.index("work"))
         return {name: balance if function is self.energy else function for name, function in invariants.items()}
 
 
-def _with_integrals(x: ArrayLike, count: int) -> np.ndarray:
-    """Return a state, or one for each member, with zeros for the integrals."""
+def _with_quadratures(x: ArrayLike, count: int) -> np.ndarray:
+    """Return a state, or one for each member, with zeros for the quadratures."""
     return np.concatenate([x, np.zeros((*np.shape(x)[:-1], count))], axis=-1)
 
 

@@ -167,7 +167,7 @@ class Balance:
     @classmethod
     def of(cls, problem: Problem, solution: Solution) -> Balance:
         energy = problem.energy_of(solution.u, solution.v, solution.t)
-        return cls(solution.t, energy, solution.integrals.get("work"), problem.energy_unit)
+        return cls(solution.t, energy, solution.quadratures.get("work"), problem.energy_unit)
 
     def summary(self) -> str:
         """Describe the energy at both ends, and the largest change of energy that the work does not explain."""
@@ -203,13 +203,13 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
     """Write the files; return what to add to the list of written files."""
     t, u, v = solution.t, solution.u, solution.v
     name = file_name(problem.name)
-    arrays: dict[str, Any] = {"t": t, "u": u, "v": v, **solution.integrals}
+    arrays: dict[str, Any] = {"t": t, "u": u, "v": v, **solution.quadratures}
     with files.writing(f"{name}.npz") as path:
         np.savez_compressed(path, **arrays)
-    table = np.column_stack([t, u, v, *solution.integrals.values()])
+    table = np.column_stack([t, u, v, *solution.quadratures.values()])
     if table.size <= _CSV_VALUES:
         columns = [f"{x}{j}" for x in "uv" for j in range(np.size(problem.u0))]
-        header = ",".join(["t", *columns, *solution.integrals])
+        header = ",".join(["t", *columns, *solution.quadratures])
         with files.writing(f"{name}.csv") as path:
             np.savetxt(path, table, delimiter=",", header=header, comments="")
     try:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .functions.callbacks import cached_jit, check_callback
+from .functions.callbacks import check_callback, jit
 from .functions.checks import check_method
 from .kernels.loops.fixed import kernel
 from .kernels.methods.eig import kappa, sigma
@@ -87,7 +87,7 @@ def _matrices(method: Method, k: np.ndarray, c: np.ndarray) -> np.ndarray:
     return matrices
 
 
-@cached_jit
+@jit
 def _oscillators(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.ndarray) -> None:
     n = u.size
     for j in range(n):
@@ -481,7 +481,7 @@ def _complex_matrices(method: Method, k: np.ndarray) -> np.ndarray:
     return real + 1j * imaginary
 
 
-@cached_jit
+@jit
 def _complex_oscillators(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.ndarray) -> None:
     n = u.size // 2
     for j in range(n):

@@ -34,7 +34,7 @@ from .loops.pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
 from .protocol import (
     EVALUATIONS,
     LOOK_WITHIN,
-    SCALAR,
+    SPAN,
     STEP,
     STEP_BEFORE,
     TIME,
@@ -59,10 +59,8 @@ NEXT, OPEN = range(2)
 
 _OVERFLOWING = 1e150  # a single run says what is wrong with a larger motion
 
-#: The signatures of a right-hand side for lanes, which gets a time for each lane, of the function of an event, and of
-#: the projection.
-RHS_AT_TIMES, _EVENT = none(*[vector_type] * 5), none(*[vector_type] * 6)
-_rhs_at, _event_at = function_at(RHS_AT_TIMES), function_at(_EVENT)
+_EVENT = none(*[vector_type] * 6)
+_event_at, _rhs_at = function_at(_EVENT), function_at(none(*[vector_type] * 5))
 _project_at = function_at(float64(float64, *[vector_type] * 3))
 
 
@@ -112,6 +110,8 @@ class Block(NamedTuple):
         See `NEXT`.
     one, tally : ndarray
         Room for the rows of one trajectory, and for its start.
+    h_first : float
+        The first step, or 0 if it is not given.
     """
 
     values: Any
@@ -120,64 +120,47 @@ class Block(NamedTuple):
     place: Any
     one: Any
     tally: Any
+    h_first: Any
 
 
-class Starts(NamedTuple):
-    """The trajectories: their starts and their parameters, with one row for each of them or one for all."""
+class Trajectories(NamedTuple):
+    """The trajectories: their starts, which become their ends, and their results.
+
+    `params` has one row for each of them, or one for all.
+    """
 
     u: Any
     v: Any
     params: Any
-
-
-class Ends(NamedTuple):
-    """Where the results are written, with a row for each trajectory."""
-
-    u: Any
-    v: Any
     counts: Any
 
 
-class Control(NamedTuple):
-    """The span and the tolerances, as `eig3.kernels.protocol.Span` has them."""
-
-    t0: Any
-    t_end: Any
-    h_first: Any
-    h_max: Any
-    max_steps: Any
-    rtol: Any
-    atol: Any
-    is_relative: Any
-    reads_time: Any
-
-
-def adaptive(rhs, alone, project, count, control, block, starts, ends, sight, look):
+def adaptive(rhs, alone, project, count, span, block, trajectories, sight, look):
     """Take `count` steps in each lane, or fewer if all trajectories end, or if the log is full. Return their number.
 
     `rhs` is the address of the right-hand side for lanes, and `alone` of that for one trajectory. `project` is that of
-    the projection for lanes, or 0 without constraints.
+    the projection for lanes, or 0 without constraints. Of the rows and the parameters of `span`, none are used.
     """
-    s, members, place, atol, t_end = block.values, block.members, block.place, control.atol, control.t_end
+    s, members, place, atol, t_end = block.values, block.members, block.place, span.atol, span.t_end
     y = ROWS(s)
     of = LANE_ROWS(s)
     time, h, step, before, error, rejected = of.time, of.h, of.step, of.before, of.error, of.rejected
     taken, trials, bad, ok, square = of.taken, of.trials, of.bad, of.ok, of.square
-    there, f, share = of.there, RHS_AT(rhs), least_size(control.rtol)
+    there, f, share = of.there, RHS_AT(rhs), least_size(span.rtol)
     steps = 0
     while steps < count:
         if LOOKS > 0 and sight.logged[0] + LANES * len(sight.events) > len(look.watch.log):
             break
         ended = 0
         for lane in range(LANES):
-            ended += (bad[lane] > 0) | (time[lane] >= t_end) | (taken[lane] >= control.max_steps)
+            ended += (bad[lane] > 0) | (time[lane] >= t_end) | (taken[lane] >= span.count)
         if ended > 0:
             for lane in range(LANES):
-                if bad[lane] > 0 or time[lane] >= t_end or taken[lane] >= control.max_steps:
+                if bad[lane] > 0 or time[lane] >= t_end or taken[lane] >= span.count:
                     if members[lane] >= 0:
-                        end(lane, control, of, y, block, ends)
-                    while place[NEXT] < len(starts.u) and members[lane] < 0:
-                        BEGIN_LANE(lane, alone, control, of, y, block, starts, ends, sight, look)
+                        end(lane, span, of, y, block, trajectories)
+                    while place[NEXT] < len(trajectories.u) and members[lane] < 0:
+                        BEGIN_LANE(lane, alone, span, of, y, block, trajectories, sight, look)
             if place[OPEN] == 0:
                 break
         for lane in range(LANES):
@@ -189,13 +172,13 @@ def adaptive(rhs, alone, project, count, control, block, starts, ends, sight, lo
             of.u_least[lane], of.v_least[lane] = share * of.u_size[lane], share * of.v_size[lane]
             of.v_blur[lane] = 0.0
         TRIAL(f, time, of.there, step, before, block.p, y)
-        if control.is_relative == 1:
-            rest(control, of, y[A], y[A_END])
-        SQUARE(step, control.rtol, atol, of.u_least, of.v_least, of.total, of.most, of.more, square, y)
+        if span.is_relative == 1:
+            rest(span, of, y[A], y[A_END])
+        SQUARE(step, span.rtol, atol, of.u_least, of.v_least, of.total, of.most, of.more, square, y)
         for lane in range(LANES):
             x, e = step[lane], exponent(square[lane])
             is_ok = (square[lane] <= 1.0) & (x > 0)
-            longer = next_step(x, before[lane], e, error[lane], rejected[lane] > 0, control.h_max, ORDER)
+            longer = next_step(x, before[lane], e, error[lane], rejected[lane] > 0, span.h_max, ORDER)
             shorter = x * shrinkage(square[lane], ORDER)
             reached = t_end if h[lane] >= t_end - time[lane] else time[lane] + x
             h[lane] = longer if is_ok else (shorter if x > 0 else h[lane])
@@ -207,64 +190,64 @@ def adaptive(rhs, alone, project, count, control, block, starts, ends, sight, lo
             ok[lane] = 1.0 if is_ok else 0.0
             taken[lane] += 1.0 if is_ok else 0.0
             trials[lane] += 1.0 if x > 0 else 0.0
-        if control.reads_time == 1:
+        if span.reads_time == 1:
             for lane in range(LANES):  # the force may not act yet
                 bad[lane] = BAD if (ok[lane] > 0) & (square[lane] == 0) else bad[lane]
         if project != 0:
-            PROJECT_AT(project)(control.t0, y[U_END], y[V_END], block.p)
+            PROJECT_AT(project)(span.t0, y[U_END], y[V_END], block.p)
         if LOOKS > 0 and SEE(block.p, of, y, sight) > 0:
             for lane in range(LANES):
                 if of.sees[lane] > 0:
                     m = members[lane]
-                    own = starts.params[m if len(starts.params) > 1 else 0]
-                    evaluations = LOOK_ALONE(lane, alone, control, own, of, block, sight, look)
-                    ends.counts[m, EVALUATED] += evaluations
+                    own = trajectories.params[m if len(trajectories.params) > 1 else 0]
+                    evaluations = LOOK_ALONE(lane, alone, span, own, of, block, sight, look)
+                    trajectories.counts[m, EVALUATED] += evaluations
         ADVANCE(ok, y)
-        if control.is_relative == 1:
+        if span.is_relative == 1:
             widen_sizes(atol, of, y)
         steps += 1
     return steps
 
 
-def end(lane, control, of, y, block, ends):
+def end(lane, span, of, y, block, trajectories):
     """Write the end of the trajectory in a lane."""
     time, taken, trials, bad = of.time, of.taken, of.trials, of.bad
     m, is_stopped = block.members[lane], bad[lane] == STOPPED
-    is_left = not is_stopped and (bad[lane] > 0 or time[lane] < control.t_end)
+    is_left = not is_stopped and (bad[lane] > 0 or time[lane] < span.t_end)
     for d in range(N):
-        ends.u[m, d], ends.v[m, d] = y[U][d * LANES + lane], y[V][d * LANES + lane]
-        is_left = is_left or not (abs(ends.u[m, d]) < OVERFLOWING and abs(ends.v[m, d]) < OVERFLOWING)
-    ends.counts[m, TAKEN], ends.counts[m, REJECTED] = int(taken[lane]), int(trials[lane] - taken[lane])
-    ends.counts[m, EVALUATED] += COST * int(trials[lane])
-    ends.counts[m, ENDED] = LEFT if is_left else (TERMINATED if is_stopped else REACHED)
+        trajectories.u[m, d], trajectories.v[m, d] = y[U][d * LANES + lane], y[V][d * LANES + lane]
+        is_left = is_left or not (abs(trajectories.u[m, d]) < OVERFLOWING and abs(trajectories.v[m, d]) < OVERFLOWING)
+    trajectories.counts[m, TAKEN], trajectories.counts[m, REJECTED] = int(taken[lane]), int(trials[lane] - taken[lane])
+    trajectories.counts[m, EVALUATED] += COST * int(trials[lane])
+    trajectories.counts[m, ENDED] = LEFT if is_left else (TERMINATED if is_stopped else REACHED)
     block.members[lane] = -1
     block.place[OPEN] -= 1
-    bad[lane], taken[lane], trials[lane], time[lane] = 0.0, 0.0, 0.0, control.t_end
+    bad[lane], taken[lane], trials[lane], time[lane] = 0.0, 0.0, 0.0, span.t_end
 
 
-def begin_lane(lane, alone, control, of, y, block, starts, ends, sight, look):
+def begin_lane(lane, alone, span, of, y, block, trajectories, sight, look):
     """Begin the next trajectory in a lane, as a single run begins."""
     one, tally, m = block.one, block.tally, block.place[NEXT]
     block.place[NEXT] += 1
-    own = starts.params[m if len(starts.params) > 1 else 0]
+    own = trajectories.params[m if len(trajectories.params) > 1 else 0]
     for d in range(N):
-        one[U, d], one[V, d], one[A, d] = starts.u[m, d], starts.v[m, d], math.nan
+        one[U, d], one[V, d], one[A, d] = trajectories.u[m, d], trajectories.v[m, d], math.nan
         one[U_MOST, d], one[V_MOST, d] = 0.0, 0.0
         one[A_END, d] = 0.0  # of the trajectory before, which must not act on the first step of this one
-    ALONE_AT(alone)(control.t0, one[U], one[V], own, one[A])
+    ALONE_AT(alone)(span.t0, one[U], one[V], own, one[A])
     for d in range(N):
         if not math.isfinite(one[A, d]):
-            ends.counts[m, ENDED] = LEFT
+            trajectories.counts[m, ENDED] = LEFT
             block.place[OPEN] -= 1
             return
     tally[:] = 0.0
-    tally[TIME], tally[STEP] = control.t0, min(control.h_first, control.h_max)
-    limits = control.h_max, control.rtol, control.atol, control.is_relative
-    span = Span(control.t0, control.t_end, own, 0, 0, 0, 0, *limits, 0, 0, tally, tally, one, one)
-    BEGIN(alone, address_of(span), tally, ORDER, one)
-    of.time[lane], of.h[lane], of.before[lane], of.error[lane] = control.t0, tally[STEP], tally[STEP_BEFORE], 1.0
+    tally[TIME], tally[STEP] = span.t0, min(block.h_first, span.h_max)
+    limits = span.h_max, span.rtol, span.atol, span.is_relative
+    mine = Span(span.t0, span.t_end, own, 0, 0, 0, 0, *limits, 0, 0, tally, tally, one, one)
+    BEGIN(alone, address_of(mine), tally, ORDER, one)
+    of.time[lane], of.h[lane], of.before[lane], of.error[lane] = span.t0, tally[STEP], tally[STEP_BEFORE], 1.0
     of.u_size[lane], of.v_size[lane], of.rejected[lane] = tally[U_SIZE], tally[V_SIZE], 0.0
-    ends.counts[m, EVALUATED] = 1 + int(tally[EVALUATIONS])
+    trajectories.counts[m, EVALUATED] = 1 + int(tally[EVALUATIONS])
     if len(block.p) > len(own):  # each lane has its own parameters
         for k in range(len(own)):
             block.p[k * LANES + lane] = own[k]
@@ -274,11 +257,11 @@ def begin_lane(lane, alone, control, of, y, block, starts, ends, sight, look):
         y[U_MOST][j], y[V_MOST][j] = one[U_MOST, d], one[V_MOST, d]
         y[V_MOST + 1][j] = one[A, d]  # the acceleration before the first step, for a multistep method
     if LOOKS > 0:
-        BEGIN_SIGHT(lane, m, control.t0, own, one, sight, look)
+        BEGIN_SIGHT(lane, m, span.t0, own, one, sight, look)
     block.members[lane] = m
 
 
-def rest(control, of, a, a_end):
+def rest(span, of, a, a_end):
     """Set the least sizes in lanes in which nothing has moved, as `beginning.at_rest` does."""
     u_size, v_size = of.u_size, of.v_size
     resting = 0
@@ -289,11 +272,11 @@ def rest(control, of, a, a_end):
             if u_size[lane] == 0 or v_size[lane] == 0:
                 a_size = 0.0
                 for d in range(N):
-                    if control.atol[0, d] < math.inf:
+                    if span.atol[0, d] < math.inf:
                         a_size = max(a_size, abs(a[d * LANES + lane]), abs(a_end[d * LANES + lane]))
-                length = control.t_end - control.t0
+                length = span.t_end - span.t0
                 of.u_least[lane], of.v_least[lane], of.v_blur[lane] = least_sizes(
-                    u_size[lane], v_size[lane], a_size, of.time[lane] + of.step[lane], length, control.rtol
+                    u_size[lane], v_size[lane], a_size, of.time[lane] + of.step[lane], length, span.rtol
                 )
 
 
@@ -315,29 +298,10 @@ def widen_sizes(atol, of, y):
         u_size[lane], v_size[lane] = (most[lane] if is_new else u_size[lane]), (more[lane] if is_new else v_size[lane])
 
 
-# The right-hand side and the functions of events for lanes: each lane has its time.
-
-
-def scalar_at_times(t, u, v, p, a):
-    for lane in range(LANES):
-        a[lane] = FUNCTION(t[lane], u[lane], v[lane], PARAMS(p, lane))
-
-
-def vector_at_times(t, u, v, p, a):
-    for lane in range(LANES):
-        FUNCTION(t[lane], GIVEN(u, lane), GIVEN(v, lane), PARAMS(p, lane), WRITTEN(a, lane))
-
-
 def watched(t, u, v, p, side, product):
     """Write the function times its side: this is positive as long as the sign has not changed."""
     for lane in range(LANES):
         product[lane] = side[lane] * FUNCTION(t[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane))
-
-
-def compile_rhs_at_times(function: Any, layout: Layout, is_checked: bool = False) -> Lanes:
-    """Compile the right-hand side of lanes with their own times, from the plain Python function of the user."""
-    template = scalar_at_times if layout.form is SCALAR else vector_at_times
-    return compile_template(template, function, layout, RHS_AT_TIMES.args, is_checked)
 
 
 def compile_event(function: Any, layout: Layout, is_checked: bool = False) -> Lanes:
@@ -433,10 +397,9 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int, looks: int) -> 
     integers, vector, matrix = Array(int64, 1, "C"), vector_type, matrix_type
     arguments = (
         *(int64, int64, int64, int64),
-        Record((float64, float64, float64, float64, int64, float64, matrix, int64, int64), Control),
-        Record((vector, vector, integers, integers, matrix, vector), Block),
-        Record((matrix, matrix, matrix), Starts),
-        Record((matrix, matrix, Array(int64, 2, "C")), Ends),
+        SPAN,
+        Record((vector, vector, integers, integers, matrix, vector, float64), Block),
+        Record((matrix, matrix, matrix, Array(int64, 2, "C")), Trajectories),
         *((SIGHT, LOOK_WITHIN) if looks else (none, none)),
     )
     label = f"{module}_{form.name}_{n}_of_{lanes}_lanes_look{looks}"

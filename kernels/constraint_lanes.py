@@ -3,7 +3,7 @@
 
 The formulas are those of `eig3.kernels.constraints`. There, a table in p says which arms and points belong to a row,
 and what is computed on the way is in p too. Here, the rows are straight lines of source, written by the scene: see
-`eig3.scene.straight_text`. Each of the parts, such as `stand`, is one loop over the lanes. What a lane needs from one
+`eig3.scene.unrolled_text`. Each of the parts, such as `stand`, is one loop over the lanes. What a lane needs from one
 loop to the next, such as S, has its room on the stack.
 
 Newton's iteration goes on until the last lane has converged. A lane that has, stays as it is: its numbers do not depend
@@ -123,21 +123,12 @@ def find(u, x, p, room):
             x[first + lane] = x[first + lane] if room[lane] == CONVERGED else math.nan
 
 
-def compile_constrained(
-    functions: Straight,
-    layout: Layout,
-    signature: Any,
-    compile_forces: Callable[..., Lanes],
-    is_checked: bool = False,
-) -> Lanes:
-    """Compile the right-hand side of a block, which knows the constraints.
-
-    `compile_forces` compiles that which does not, for the same signature.
-    """
-    forces = compile_forces(functions.forces.py_func, layout, is_checked)
+def compile_constrained(functions: Straight, layout: Layout, is_checked: bool = False) -> Lanes:
+    """Compile the right-hand side of a block, which knows the constraints."""
+    forces = compile_rhs(functions.forces.py_func, layout, is_checked)
     parts = {"forces": forces, **_parts(("react",), functions, layout, is_checked)}
-    names = {"FORCES_AT": function_at(signature), "REACT_AT": _AT["react"]}
-    return _joined(rhs, signature.args, names, parts, is_checked)
+    names = {"FORCES_AT": function_at(layout.rhs), "REACT_AT": _AT["react"]}
+    return _joined(rhs, layout.rhs.args, names, parts, is_checked)
 
 
 def compile_keeping(functions: Straight, layout: Layout, is_leap: bool, is_checked: bool = False) -> Lanes:
@@ -159,7 +150,8 @@ def _joined(
     template: Callable, arguments: tuple, names: dict[str, Any], parts: dict[str, Lanes], is_checked: bool
 ) -> Lanes:
     """Compile a function of a block that calls its parts, each of which has a loop over the lanes."""
-    joined = compile_block(bound(template, names | _addresses(parts)), arguments, options_for(is_checked))
+    function = bound(template, names | _addresses(parts))  # with addresses of this process
+    joined = compile_block(function, arguments, options_for(is_checked), is_kept=False)
     obstacles = [part.obstacle for part in parts.values() if part.obstacle]
     return replace(joined, obstacle=obstacles[0] if obstacles else "", compiled=(joined.compiled, parts))
 
@@ -182,7 +174,7 @@ def _parts(wanted: Sequence[str], functions: Straight, layout: Layout, is_checke
                 out.line(f"{', '.join(arrays)} = {views}")
                 out.insert(getattr(functions, name))
             out.line(*["return going"] * (name == "approach"))
-        function = define(str(out), "lanes", names)[name]
+        function = define(str(out), "lanes", {"__name__": __name__, **names})[name]
         found[name] = compile_block(function, signature.args, options_for(is_checked))
     return found
 

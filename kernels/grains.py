@@ -143,7 +143,9 @@ def refuse(kept, springs):
     """Note that there is no room for a contact: parts are then written in turn. If they were, it is an error."""
     kept[springs + IS_FULL] = 1.0
     if kept[springs + IN_TURN] == 1:
-        raise ValueError("more grains touch each other than there is room for: give room=, the contacts of a grain.")
+        raise ValueError(
+            "more grains touch each other than there is room for: give neighbor_capacity=, the contacts of a grain."
+        )
 
 
 @element

@@ -127,7 +127,7 @@ def due_after(tally, times):
     return times[following] if following < len(times) else math.inf
 
 
-def look_alone(lane, alone, control, own, of, block, sight, look):
+def look_alone(lane, alone, span, own, of, block, sight, look):
     """Look into the last step of a lane for its events and wanted times, and return the number of evaluations.
 
     After a reset, or a terminal event, the end of the step is the state there.
@@ -145,7 +145,7 @@ def look_alone(lane, alone, control, own, of, block, sight, look):
     if of.sees[lane] == 1:
         tally[LOGGED] = first
         outcome, part, t_stop = SEARCH(
-            address_of(look), tally, control.t0, t, step, t_end, N, coefficients, u_end, v_end, u_there, v_there, own
+            address_of(look), tally, span.t0, t, step, t_end, N, coefficients, u_end, v_end, u_there, v_there, own
         )
         sight.logged[0] = int(tally[LOGGED])
         for row in range(first, sight.logged[0]):
@@ -158,7 +158,7 @@ def look_alone(lane, alone, control, own, of, block, sight, look):
     if outcome != TERMINAL:
         write_times(t, step, t_end, t_stop, coefficients, u_end, v_end, m, tally, sight, watch)
     else:  # times at the event, but for round-off, have the state before it
-        near = NEAR * EPSILON * max(abs(control.t0), abs(t_stop))
+        near = NEAR * EPSILON * max(abs(span.t0), abs(t_stop))
         while watch.log[first, 1] < t_stop - near:  # an event without a reset, earlier in the step
             first += 1
         before, last = watch.log[first], t_stop - EPSILON * abs(t_stop)

@@ -25,12 +25,15 @@ import numba
 from numba.extending import intrinsic
 from numba.types import float64, int64, none
 
+from .compile.cache import keep_on_disk
 from .compile.jit import KERNEL_OPTIONS, bound, compiled, element, function_at
 from .compile.numba_internals import (
     address_of,
     array_over,
     assume_no_overlap,
+    cache_of,
     call_without_checks,
+    has_wide_vectors,
     optimised_code,
     parts_of,
     wide_vectors,
@@ -74,12 +77,12 @@ OWN_STEP_ROWS = 2
 
 def scalar(t, u, v, p, a):
     for lane in range(a.size):
-        a[lane] = FUNCTION(t, u[lane], v[lane], PARAMS(p, lane))
+        a[lane] = FUNCTION(TIME(t, p, lane), u[lane], v[lane], PARAMS(p, lane))
 
 
 def vector(t, u, v, p, a):
     for lane in range(a.size // N):
-        FUNCTION(t, GIVEN(u, lane), GIVEN(v, lane), PARAMS(p, lane), WRITTEN(a, lane))
+        FUNCTION(TIME(t, p, lane), GIVEN(u, lane), GIVEN(v, lane), PARAMS(p, lane), WRITTEN(a, lane))
 
 
 # With its own step h, each trajectory is integrated in the time (t - t0) / h with the step 1. Its velocity is then h v,
@@ -179,6 +182,11 @@ def time_of_shared_step(t, p, lane):
 
 
 @element
+def time_of_lane(t, p, lane):
+    return t[lane]
+
+
+@element
 def rescale(v, h, velocities):
     """Write v / h. LLVM does not vectorise a loop that also writes to the array in which it reads p."""
     for first in range(0, v.size, h.size):
@@ -243,6 +251,8 @@ class Layout:
         Whether the array p begins with one set of parameters for all trajectories, and not with k rows of lanes.
     has_own_step : bool
         Whether p goes on with the rows h and t0, and n rows of scratch.
+    has_own_times : bool
+        Whether the right-hand side gets an array with a time for each lane.
     """
 
     form: Form
@@ -251,6 +261,12 @@ class Layout:
     k: int
     shares_params: bool
     has_own_step: bool
+    has_own_times: bool = False
+
+    @property
+    def rhs(self) -> Any:
+        """The signature of the right-hand side of a block. It has the vector form."""
+        return none(*[vector_type] * 5) if self.has_own_times else VECTOR.rhs
 
     @property
     def params_size(self) -> int:
@@ -281,7 +297,7 @@ class Layout:
             "STEPS": _shared(lanes, own),
             "BEGINS": _shared(lanes, own + lanes),
             "VELOCITIES": _shared(n * lanes, own + OWN_STEP_ROWS * lanes, readonly=False),
-            "TIME": time_of_shared_step,
+            "TIME": time_of_lane if self.has_own_times else time_of_shared_step,
             "HAS_OWN_STEP": int(self.has_own_step),
         }
         if self.has_own_step:
@@ -312,12 +328,12 @@ class Lanes:
 
 
 def compile_rhs(function: Callable, layout: Layout, is_checked: bool = False) -> Lanes:
-    """Compile the right-hand side of a block, from the plain Python function of the user. It has the vector form.
+    """Compile the right-hand side of a block, from the plain Python function of the user.
 
     With `is_checked`, it raises an IndexError for an index beyond an array, and is not vectorised.
     """
     templates = (scalar_own_step, vector_own_step) if layout.has_own_step else (scalar, vector)
-    return compile_template(templates[layout.form is not SCALAR], function, layout, VECTOR.rhs.args, is_checked)
+    return compile_template(templates[layout.form is not SCALAR], function, layout, layout.rhs.args, is_checked)
 
 
 def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...], is_checked: bool = False) -> Lanes:
@@ -364,14 +380,19 @@ def options_for(is_checked: bool) -> dict[str, Any]:
     return {**KERNEL_OPTIONS, "boundscheck": True} if is_checked else KERNEL_OPTIONS
 
 
-def compile_block(function: Callable, arguments: tuple, options: dict[str, Any]) -> Lanes:
-    """Compile a function of a block, whose globals are complete."""
+def compile_block(function: Callable, arguments: tuple, options: dict[str, Any], is_kept: bool = True) -> Lanes:
+    """Compile a function of a block, whose globals are complete, or load it from the disk."""
+    # If arrays might overlap, the code would have to check each pair of rows before its loop over lanes. A loop with
+    # many such checks is not vectorised.
+    jitted = assume_no_overlap(numba.njit(**options)(function))
+    if is_kept:
+        keep_on_disk(jitted, variant=f"lanes {has_wide_vectors()}", describe=_obstacle)
     with warnings.catch_warnings(), wide_vectors():
         warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # the strides of lanes are here to stay
-        # If arrays might overlap, the code would have to check each pair of rows before its loop over lanes. A loop
-        # with many such checks is not vectorised.
-        result = compiled(assume_no_overlap(numba.njit(**options)(function)), arguments)
-    return Lanes(call_without_checks(result), address_of(result), _obstacle(optimised_code(result)), result)
+        result = compiled(jitted, arguments)
+    obstacle = getattr(cache_of(jitted), "description", None)
+    obstacle = _obstacle(result) if obstacle is None else obstacle
+    return Lanes(call_without_checks(result), address_of(result), obstacle, result)
 
 
 def inlined(function: Callable, options: dict[str, Any]) -> Any:
@@ -385,8 +406,9 @@ def inlined(function: Callable, options: dict[str, Any]) -> Any:
     return numba.njit(inline="always", **options)(bound(function, beside) if beside else function)
 
 
-def _obstacle(code: str) -> str:
-    """Say why LLVM did not vectorise a loop over lanes, from its optimised code; empty if it did."""
+def _obstacle(result: Any) -> str:
+    """Say why LLVM did not vectorise a loop over lanes, from a compile result; empty if it did."""
+    code = optimised_code(result)
     # Neighbouring lanes are stored together. A loop over the degrees of freedom would store to distant places.
     is_vectorised = re.search(r"store <\d+ x double>", code)
     called = set((_OF_LIBM_IN_LANES if is_vectorised else _OF_LIBM).findall(code))
@@ -412,7 +434,6 @@ def _shared(count: int, first: int = 0, readonly: bool = True) -> Any:
 def array_view(kind: Any, count: int, stride: int, first: int, of_lane: int) -> Any:
     """Return a compiled ``view(array, lane)`` of `count` values from index ``first + of_lane * lane`` on."""
 
-    @intrinsic
     def view(typingctx, array, lane):  # type: ignore[no-untyped-def]
         def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
             def constant(value: int) -> Any:
@@ -425,7 +446,8 @@ def array_view(kind: Any, count: int, stride: int, first: int, of_lane: int) -> 
 
         return kind(array, int64), codegen
 
-    return view
+    view.content = f"view {kind} {count} {stride} {first} {of_lane}"  # type: ignore[attr-defined]
+    return intrinsic(view)
 
 
 @element

@@ -185,18 +185,11 @@ class Within(NamedTuple):
 
 
 class Look(NamedTuple):
-    """What a run with a fixed step looks for and follows."""
+    """What a run looks for and follows; with tolerances, also within its steps."""
 
     watch: Any
     follow: Any
-
-
-class LookWithin(NamedTuple):
-    """What a run with tolerances looks for and follows, also within its steps."""
-
-    watch: Any
-    follow: Any
-    within: Any
+    within: Any = None
 
 
 class At(NamedTuple):
@@ -231,8 +224,8 @@ FOLLOW = types.NamedTuple((_integers, _vector, _matrix, _matrix, _parts_type, _m
 WITHIN_STEP = types.NamedTuple(
     (_vector, _matrix, _vector, _vector, _matrix, _vector, _vector, _matrix, _matrix), Within
 )
-LOOK = types.NamedTuple((WATCH, FOLLOW), Look)
-LOOK_WITHIN = types.NamedTuple((WATCH, FOLLOW, WITHIN_STEP), LookWithin)
+LOOK = types.NamedTuple((WATCH, FOLLOW, none), Look)
+LOOK_WITHIN = types.NamedTuple((WATCH, FOLLOW, WITHIN_STEP), Look)
 STEPS = types.NamedTuple((float64, float64, _vector, *[int64] * 4, _matrix, _matrix), Steps)
 SPAN = types.NamedTuple(
     (
@@ -517,7 +510,7 @@ def _array(context: Any, builder: Any, data: Any, n: Any) -> Any:
     return array_over(context, builder, vector_type, data, n, context.get_constant(types.intp, 8))
 
 
-#: ``look_at(address)`` returns the `Look` at an address, and also the beginning of a `LookWithin`.
+#: ``look_at(address)`` returns the `Look` at an address, without `within`, and ``look_within_at(address)`` with it.
 look_at, look_within_at = record_at(LOOK), record_at(LOOK_WITHIN)
 
 #: ``steps_at(address)`` and ``span_at(address)`` return the `Steps` and the `Span` at an address.

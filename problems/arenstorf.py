@@ -4,13 +4,13 @@ import math
 
 from eig3 import drawing
 from eig3.animation import Mechanism, in_plane
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 PERIOD = 17.0652165601579625588917206249  # of the orbit from the default start
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p, a):
     x, y, mu = u[0], u[1], p[0]
     to_earth, to_moon = x + mu, x - (1 - mu)
@@ -22,7 +22,7 @@ def rhs(t, u, v, p, a):
     a[1] = y - 2 * v[0] - (earth_pull + moon_pull) * y
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     """Jacobi's integral in the turning frame, of which the Jacobi constant is -2 times."""
     x, y, mu = u[0], u[1], p[0]

@@ -35,7 +35,7 @@ def argon(
     Raises
     ------
     ValueError
-        For n below 4, and a cube that is shorter than twice the reach of the forces.
+        For n below 4, and a cube that is shorter than twice the cutoff of the forces.
     """
     if n < 4:
         raise ValueError(f"n must be at least 4, not {n}.")
@@ -46,7 +46,7 @@ def argon(
     v = np.random.default_rng(seed).standard_normal(places.shape) * np.sqrt(K * temperature / MASS)
     scene = Scene(dimension=3, box=[n * cell] * 3)
     atoms = scene.mass(MASS, places, v - v.mean(axis=0))
-    scene.add(LennardJones(DEPTH, SIZE, reach=2.5 * SIZE), atoms)
+    scene.add(LennardJones(DEPTH, SIZE, cutoff=2.5 * SIZE), atoms)
     problem = scene.problem((0.0, t_end), name="argon")
     return problem.with_(
         source="the liquid of A. Rahman, Physical Review 136 (1964) A405, with a shifted force",

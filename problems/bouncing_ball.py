@@ -8,22 +8,22 @@ from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.animation import Oscillator
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.functions.events import Event
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p):
     return -p[0]
 
 
-@cached_jit
+@jit
 def height(t, u, v, p):
     return u
 
 
-@cached_jit
+@jit
 def bounce(t, u, v, p):
     return 0.0, -p[1] * v
 

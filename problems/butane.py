@@ -53,10 +53,10 @@ def butane(
     scene = Scene(dimension=3)
     atoms = scene.mass(GROUPS, places, v)
     a, b, c, d = (atoms[:, k] for k in range(4))
-    scene.add(LinearSpring(stiffness=361.0, length=BOND), atoms[:, :-1], atoms[:, 1:])
+    scene.add(LinearSpring(stiffness=361.0, rest_length=BOND), atoms[:, :-1], atoms[:, 1:])
     scene.add(HarmonicAngle(stiffness=62500 * K, angle=ANGLE), atoms[:, :-2], atoms[:, 1:-1], atoms[:, 2:])
     scene.add(RyckaertBellemans(TORSION), a, b, c, d)
-    scene.add(LennardJones(DEPTH, SIZE, reach=2.5 * SIZE), atoms, leaves_joined=True)
+    scene.add(LennardJones(DEPTH, SIZE, cutoff=2.5 * SIZE), atoms, exclude_bonded=("1-2", "1-3", "1-4"))
     for normal in (*np.eye(3), *-np.eye(3)):
         scene.add(PlaneContact(WALL, normal, -box / 2))
     problem = scene.problem((0.0, t_end), name="butane")

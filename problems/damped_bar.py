@@ -3,13 +3,13 @@
 import numpy as np
 
 from eig3.animation import Profile
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 from .elastic_bar import drawing_of_bar, gaussian_pulse, lumped_frequencies, standing_waves, stiffness
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p, a):
     n, k, c = u.size, p[0], p[1]
     a[0] = k * (u[1] - 2 * u[0]) + c * (v[1] - 2 * v[0])

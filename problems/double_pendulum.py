@@ -7,11 +7,11 @@ import numpy as np
 
 from eig3 import drawing
 from eig3.animation import Mechanism
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p, a):
     m1, m2, l1, l2, g = p[0], p[1], p[2], p[3], p[4]
     m, sine, cosine = m1 + m2, math.sin(u[0] - u[1]), math.cos(u[0] - u[1])
@@ -22,7 +22,7 @@ def rhs(t, u, v, p, a):
     a[1] = (sine * (m * pull1 + m2 * pull2 * cosine) + m * g * (sine1 * cosine - sine2)) / (l2 * inertia)
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     m1, m2, l1, l2, g = p[0], p[1], p[2], p[3], p[4]
     speed1, speed2 = l1 * v[0], l2 * v[1]

@@ -66,11 +66,11 @@ def suspension(spring: float = 60e3, damper: float = 4e3, tie: float = 0.01) -> 
         bodies[name] = scene.body(MASSES[name], inertia, WHEEL if name == "upright" else (first + second) / 2)
     chassis, lower, upper, upright = bodies.values()
     along = 1.0, 0.0, 0.0
-    chassis.slide(None, CHASSIS, (0.0, 0.0, 1.0))
-    lower.hinge(chassis, LOWER, along)
-    upper.hinge(chassis, UPPER, along)
-    lower.joint(upright, LOWER_BALL)
-    upper.joint(upright, UPPER_BALL)
+    chassis.prismatic(None, CHASSIS, (0.0, 0.0, 1.0))
+    lower.revolute(chassis, LOWER, along)
+    upper.revolute(chassis, UPPER, along)
+    lower.spherical(upright, LOWER_BALL)
+    upper.spherical(upright, UPPER_BALL)
     scene.add(Rod(), chassis.at(LOWER + TIE + (0.0, 0.0, tie)), upright.at(LOWER_BALL + TIE))
     foot = LOWER + LEVER * (LOWER_BALL - LOWER)
     strut = chassis.at(MOUNT), lower.at(foot)
@@ -104,8 +104,8 @@ def double_wishbone(spring: float = 60e3, damper: float = 4e3, tie: float = 0.01
 
 
 def draw(figure, solution, bodies):
-    t, wheel = solution.t, bodies["upright"].centre.of(solution.u)
-    body = bodies["chassis"].centre.of(solution.u)[:, 2]
+    t, wheel = solution.t, bodies["upright"].centre.positions(solution.u)
+    body = bodies["chassis"].centre.positions(solution.u)[:, 2]
     heights = 1e3 * np.column_stack([wheel[:, 2] - wheel[0, 2], body - body[0], [road(x) for x in t]])
     drawing.lines(drawing.time_panel(figure, "height (mm)"), t, heights, ["wheel", "chassis", "road"])
     angles = np.rad2deg(np.column_stack(wheel_angles(bodies, solution.u)))
@@ -114,5 +114,5 @@ def draw(figure, solution, bodies):
 
 def wheel_angles(bodies, u):
     """Return the camber, positive where the top leans outwards, and the toe-out of the wheel, rad."""
-    axle = bodies["upright"].axes.of(u)[:, 1]
+    axle = bodies["upright"].axes.positions(u)[:, 1]
     return -np.arcsin(axle[:, 2]), -np.arctan2(axle[:, 0], axle[:, 1])

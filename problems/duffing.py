@@ -2,32 +2,32 @@
 
 from eig3 import drawing
 from eig3.animation import Portrait
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.math import cos
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def undamped(t, u, v, p):
     return -u * (p[0] + p[1] * u * u)
 
 
-@cached_jit
+@jit
 def damped(t, u, v, p):
     return -u * (p[0] + p[1] * u * u) - p[2] * v
 
 
-@cached_jit
+@jit
 def forced(t, u, v, p):
     return p[3] * cos(p[4] * t) - u * (p[0] + p[1] * u * u)
 
 
-@cached_jit
+@jit
 def damped_forced(t, u, v, p):
     return p[3] * cos(p[4] * t) - u * (p[0] + p[1] * u * u) - p[2] * v
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     return v * v / 2 + u * u * (p[0] / 2 + p[1] * u * u / 4)
 

@@ -8,11 +8,11 @@ from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.animation import Profile
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p, a):
     n, k = u.size, p[0]
     a[0] = k * (u[1] - 2 * u[0])
@@ -21,7 +21,7 @@ def rhs(t, u, v, p, a):
     a[n - 1] = k * (u[n - 2] - 2 * u[n - 1])
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     """Energy per mass of one lump, with u in pulse heights, 1/s^2."""
     n, k = u.size, p[0]

@@ -6,13 +6,13 @@ import numpy as np
 
 from eig3 import drawing
 from eig3.animation import Mechanism
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 PERIOD = 6.32591398292621  # after it, each body is where it was
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p, a):
     for i in range(p.size):
         x, y = u[2 * i], u[2 * i + 1]
@@ -28,7 +28,7 @@ def rhs(t, u, v, p, a):
         a[2 * i], a[2 * i + 1] = ax, ay
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     total = 0.0
     for i in range(p.size):

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from eig3 import drawing
-from eig3.effects import Gravity, HingeBending, LinearDamper, StVenantKirchhoffTriangle, WindPressure
+from eig3.effects import Gravity, HingeBending, LinearDamper, StVenantKirchhoffMembrane, WindPressure
 from eig3.problem import Problem
 from eig3.scene import Scene, edges, hinges
 
@@ -59,7 +59,7 @@ def flag(
     wavy = flat.copy()
     wavy[:, 1] = 0.02 * length * np.sin(2 * np.pi * flat[:, 0] / length) * flat[:, 0] / length
     scene = Scene(dimension=3)
-    membrane = StVenantKirchhoffTriangle(E, nu=0.3, thickness=THICKNESS)
+    membrane = StVenantKirchhoffMembrane(E, nu=0.3, thickness=THICKNESS)
     cloth = scene.add_mesh(wavy, cells, membrane, density=700.0, fixed=np.arange(n), rest=flat)
     scene.add(HingeBending(rigidity), *cloth[hinges(cells)])
     ends = edges(cells)

@@ -30,10 +30,10 @@ def linkage(torque: float = 1.5, damping: float = 20.0) -> tuple[Scene, list[Rig
         mass = LINE_DENSITY * length
         bars.append(scene.body(mass, mass * length**2 / 12, (first + second) / 2, angle))
     crank, coupler, rocker = bars
-    crank.joint(None, start)
-    crank.joint(coupler, elbow)
-    coupler.joint(rocker, knee)
-    rocker.joint(None, end)
+    crank.revolute(None, start)
+    crank.revolute(coupler, elbow)
+    coupler.revolute(rocker, knee)
+    rocker.revolute(None, end)
     scene.add(Gravity((0.0, -9.81)))
     scene.add(Torque(torque), crank.axes)
     scene.add(LinearDamper(damping), rocker.at(knee), scene.fixed((BASE + 0.3, 0.25)))
@@ -64,11 +64,11 @@ def draw(figure, solution, bars):
     names = ["crank", "coupler", "rocker"]
     plane = drawing.picture(figure, aspect="equal")
     for k, (name, bar) in enumerate(zip(names, bars, strict=True)):
-        drawing.path(plane, *bar.centre.of(solution.u).T, f"C{k}", f"middle of the {name}")
+        drawing.path(plane, *bar.centre.positions(solution.u).T, f"C{k}", f"middle of the {name}")
     plane.plot([0, BASE], [0, 0], "k^", label="ground")
     plane.set(xlabel="x (m)", ylabel="y (m)")
     drawing.legend(plane)
-    spins = np.column_stack([bar.spin(solution.u, solution.v) for bar in bars])
+    spins = np.column_stack([bar.angular_velocity(solution.u, solution.v) for bar in bars])
     drawing.lines(drawing.time_panel(figure, "spin (rad/s)"), solution.t, spins, names)
     swing = np.unwrap(bars[2].rotation(solution.u))
     drawing.lines(drawing.time_panel(figure, "angle of the rocker\n(rad)"), solution.t, swing)

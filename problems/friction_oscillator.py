@@ -4,11 +4,11 @@ import math
 
 from eig3 import drawing
 from eig3.animation import Oscillator
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p):
     return -p[0] * p[0] * u - p[1] * math.tanh(v / p[2])
 

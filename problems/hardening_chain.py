@@ -6,11 +6,11 @@ import numpy as np
 
 from eig3 import drawing
 from eig3.animation import Profile
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p, a):
     n, k, s = u.size, p[0], p[1]
     force = k * u[0] * (1 + s * u[0] * u[0])  # in the spring before mass j; the wall is before mass 0
@@ -22,7 +22,7 @@ def rhs(t, u, v, p, a):
     a[n - 1] = -force
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     """Energy per mass of one lump, J/kg."""
     k, s = p[0], p[1]

@@ -2,16 +2,16 @@
 
 from eig3 import drawing
 from eig3.animation import Oscillator
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p):
     return -p[0] * u * (1 + p[1] * u * u)
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     return v * v / 2 + p[0] * u * u / 2 + p[0] * p[1] * u**4 / 4
 

@@ -4,20 +4,20 @@ import math
 
 from eig3 import drawing
 from eig3.animation import Mechanism, in_plane
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 ESCAPE = 1 / 6  # energy of the saddles of the potential
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p, a):
     x, y = u[0], u[1]
     a[0] = -x - 2 * x * y
     a[1] = -y - x * x + y * y
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     x, y = u[0], u[1]
     return (v[0] * v[0] + v[1] * v[1] + x * x + y * y) / 2 + y * (x * x - y * y / 3)

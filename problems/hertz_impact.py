@@ -4,17 +4,17 @@ import math
 
 from eig3 import drawing
 from eig3.animation import Oscillator
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p):
     delta = max(0.0, -u)
     return p[0] * delta * math.sqrt(delta)
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     delta = max(0.0, -u)
     return v * v / 2 + 2 / 5 * p[0] * delta * delta * math.sqrt(delta)

@@ -57,7 +57,7 @@ def jelly(
     scene = Scene(dimension=3)
     body = scene.add_mesh(points, cells, NeoHookean(E, nu), density=1000.0)
     scene.add(LinearDamper(damping), *body[edges(cells)])
-    scene.add(PlaneContact(2e4, (0, 0, 1), damping=0.5, friction=0.3, slip=0.1), body)
+    scene.add(PlaneContact(2e4, (0, 0, 1), damping=0.5, friction=0.3, regularization_speed=0.1), body)
     scene.add(Gravity((0, 0, -G)))
     return scene.problem((0.0, t_end), name="jelly", work=work).with_(
         source="a neo-Hookean solid of constant-strain tetrahedra; contact of Hertz with each point of the surface",

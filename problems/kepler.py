@@ -8,11 +8,11 @@ from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.animation import Mechanism, in_plane
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p, a):
     square = u[0] * u[0] + u[1] * u[1]
     pull = p[0] / (square * math.sqrt(square))
@@ -20,12 +20,12 @@ def rhs(t, u, v, p, a):
     a[1] = -pull * u[1]
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     return (v[0] * v[0] + v[1] * v[1]) / 2 - p[0] / math.sqrt(u[0] * u[0] + u[1] * u[1])
 
 
-@cached_jit
+@jit
 def angular_momentum(t, u, v, p):
     """Per unit mass, m^2/s; constant along the exact solution, as the energy is."""
     return u[0] * v[1] - u[1] * v[0]

@@ -6,7 +6,7 @@ import numpy as np
 
 from eig3 import drawing
 from eig3.animation import Mechanism
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 AU = 149_597_870_700.0  # m
@@ -25,7 +25,7 @@ BODIES = {
 }
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p, a):
     for i in range(p.size):
         x, y, z = u[3 * i], u[3 * i + 1], u[3 * i + 2]
@@ -43,7 +43,7 @@ def rhs(t, u, v, p, a):
         a[3 * i], a[3 * i + 1], a[3 * i + 2] = ax, ay, az
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     """Kinetic energy and that of all pairs, for each kilogram of the sun."""
     total = 0.0

@@ -99,7 +99,7 @@ def person(push: float = 1.0) -> tuple[Scene, dict[str, RigidBody], np.ndarray]:
         inertia = np.full(3, limb.mass * (limb.radius**2 / 4 + length**2 / 12))
         inertia[np.argmax(np.abs(last - first))] = limb.mass * limb.radius**2 / 2
         spin = np.array([0.0, push, 0.0])
-        body = scene.body(limb.mass, inertia, START + centre, velocity=np.cross(spin, centre), spin=spin)
+        body = scene.body(limb.mass, inertia, START + centre, velocity=np.cross(spin, centre), angular_velocity=spin)
         ends.append(body.at(START + np.stack([first, last])))
         scene.add(Stairs(limb.radius), ends[-1])
         bodies[name] = body
@@ -116,10 +116,10 @@ def connect(scene: Scene, name: str, body: RigidBody, above: RigidBody) -> None:
     forward, left = np.eye(3)[:2] * LEVER
     behind = BEHIND.get(name.split()[-1])
     if behind:
-        body.hinge(above, joint, (0.0, 1.0, 0.0))
+        body.revolute(above, joint, (0.0, 1.0, 0.0))
         sides, slack = [behind * forward], 1.0
     else:
-        body.joint(above, joint)
+        body.spherical(above, joint)
         sides, slack = [forward, -forward, left, -left], SLACK
     for side in [forward] if behind else [forward, left]:
         scene.add(LinearDamper(MUSCLE), above.at(joint + side), body.at(joint - up))
@@ -182,11 +182,11 @@ def draw(figure, solution, bodies):
     plane = drawing.picture(figure, aspect="equal")
     plane.plot(*edges().T, "k", label="stairs")
     for k, name in enumerate(("head", "pelvis", "left hand")):
-        x, _, z = bodies[name].centre.of(solution.u).T
+        x, _, z = bodies[name].centre.positions(solution.u).T
         drawing.path(plane, x, z, f"C{k}", name)
     plane.set(xlabel="x (m)", ylabel="z (m)")
     drawing.legend(plane)
-    speeds = np.stack([np.linalg.norm(body.centre.of(solution.v), axis=1) for body in bodies.values()])
+    speeds = np.stack([np.linalg.norm(body.centre.velocities(solution.v), axis=1) for body in bodies.values()])
     drawing.lines(drawing.time_panel(figure, "largest speed of a\nlimb (m/s)"), solution.t, speeds.max(axis=0))
-    heights = np.stack([bodies[name].centre.of(solution.u)[:, 2] for name in ("head", "pelvis")], axis=1)
+    heights = np.stack([bodies[name].centre.positions(solution.u)[:, 2] for name in ("head", "pelvis")], axis=1)
     drawing.lines(drawing.time_panel(figure, "height (m)"), solution.t, heights, ["head", "pelvis"])

@@ -28,7 +28,7 @@ class RollingContact(Link):
     ----------
     stiffness : float
         N/m^(3/2).
-    reach : float
+    contact_distance : float
         The distance of the centres at which they touch far from the joint, m.
     speed : float
         m/s.
@@ -41,20 +41,20 @@ class RollingContact(Link):
     """
 
     stiffness: ArrayLike
-    reach: ArrayLike
+    contact_distance: ArrayLike
     speed: ArrayLike
     start: ArrayLike
     half: ArrayLike
     angle: ArrayLike
 
-    nonnegative = ("stiffness", "reach")
+    nonnegative = ("stiffness", "contact_distance")
     source = "Hertz (1881); the dipped joint of Jenkins and others (1974)"
 
     @staticmethod
     @eig3.jit
-    def tension(t, r, stiffness, reach, speed, start, half, angle):
+    def tension(t, r, stiffness, contact_distance, speed, start, half, angle):
         closeness = max(0.0, 1 - abs(speed * t - start) / half)
-        return -push(reach - half * angle / 2 * closeness * closeness - r, stiffness)
+        return -push(contact_distance - half * angle / 2 * closeness * closeness - r, stiffness)
 
 
 def rail_joint(

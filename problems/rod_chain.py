@@ -40,7 +40,7 @@ def rod_chain(n: int = 20, length: float = 1.0, mass: float = 1.0, angle: float 
 
 
 def draw(figure, solution, joints):
-    x = joints.of(solution.u)
+    x = joints.positions(solution.u)
     drawing.plane(figure, {"path of the end": x[:, -1].T}, fixed="support")
     for k, name in enumerate("xy"):
         places = x[:, [len(joints) // 2, -1], k]

@@ -2,11 +2,11 @@
 
 from eig3 import drawing
 from eig3.animation import Mechanism, in_plane
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p, a):
     x, y = u[0], u[1]
     stiffness = p[0] * (1 + p[1] * (x * x + y * y)) - p[2] * p[2]
@@ -14,7 +14,7 @@ def rhs(t, u, v, p, a):
     a[1] = -2 * p[2] * v[0] - stiffness * y
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     """Jacobi's integral per unit mass, m^2/s^2."""
     square = u[0] * u[0] + u[1] * u[1]

@@ -8,32 +8,32 @@ from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.animation import Oscillator
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.math import cos
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def undamped(t, u, v, p):
     return -p[0] * p[0] * u
 
 
-@cached_jit
+@jit
 def damped(t, u, v, p):
     return -p[0] * (p[0] * u + 2 * p[1] * v)
 
 
-@cached_jit
+@jit
 def forced(t, u, v, p):
     return p[2] * cos(p[3] * t) - p[0] * p[0] * u
 
 
-@cached_jit
+@jit
 def damped_forced(t, u, v, p):
     return p[2] * cos(p[3] * t) - p[0] * (p[0] * u + 2 * p[1] * v)
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     return (v * v + p[0] * p[0] * u * u) / 2
 

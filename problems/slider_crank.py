@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from eig3 import drawing
-from eig3.effects import Slider, Torque, Weld
+from eig3.effects import PointJoint, Slider, Torque
 from eig3.problem import Problem
 from eig3.scene import Points, RigidBody, Scene
 
@@ -19,13 +19,13 @@ def engine(spin: float = 50.0, torque: float = 0.0) -> tuple[Scene, RigidBody, R
     scene = Scene(dimension=2)
     pin, end = np.array([0.0, CRANK]), np.array([np.sqrt(ROD**2 - CRANK**2), 0.0])
     speed = np.array([-spin * CRANK, 0.0])  # that of the rod, which does not turn in this position
-    crank = scene.body(CRANK_MASS, FLYWHEEL, (0.0, 0.0), np.pi / 2, spin=spin)
+    crank = scene.body(CRANK_MASS, FLYWHEEL, (0.0, 0.0), np.pi / 2, angular_velocity=spin)
     angle = np.arctan2(*(end - pin)[::-1])
     rod = scene.body(ROD_MASS, ROD_MASS * ROD**2 / 12, (pin + end) / 2, angle, velocity=speed)
     piston = scene.mass(PISTON, end, speed)
-    crank.joint(None, (0.0, 0.0))
-    crank.joint(rod, pin)
-    scene.add(Weld(), rod.at(end), piston)
+    crank.revolute(None, (0.0, 0.0))
+    crank.revolute(rod, pin)
+    scene.add(PointJoint(), rod.at(end), piston)
     scene.add(Slider(direction=(1.0, 0.0)), piston)
     if torque:
         scene.add(Torque(torque), crank.axes)
@@ -54,9 +54,11 @@ def slider_crank(spin: float = 50.0, torque: float = 0.0, t_end: float = 0.5) ->
 
 def draw(figure, solution, parts):
     crank, rod, piston = parts
-    paths = {"middle of the rod": rod.centre.of(solution.u).T, "piston": piston.of(solution.u).T}
+    paths = {"middle of the rod": rod.centre.positions(solution.u).T, "piston": piston.positions(solution.u).T}
     drawing.plane(figure, paths, fixed="bearing")
     drawing.lines(
-        drawing.time_panel(figure, "spin of the\ncrank (rad/s)"), solution.t, crank.spin(solution.u, solution.v)
+        drawing.time_panel(figure, "spin of the\ncrank (rad/s)"),
+        solution.t,
+        crank.angular_velocity(solution.u, solution.v),
     )
-    drawing.lines(drawing.time_panel(figure, "x of the\npiston (m)"), solution.t, piston.of(solution.u)[:, 0])
+    drawing.lines(drawing.time_panel(figure, "x of the\npiston (m)"), solution.t, piston.positions(solution.u)[:, 0])

@@ -4,17 +4,17 @@ import math
 
 from eig3 import drawing
 from eig3.animation import Oscillator
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.math import tanh
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p):
     return -p[0] * tanh(u)
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     # ln(cosh(u)) in a form that does not overflow for large u
     return v * v / 2 + p[0] * (abs(u) + math.log1p(math.exp(-2 * abs(u))) - math.log(2.0))

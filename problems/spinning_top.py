@@ -21,8 +21,8 @@ def top(spin: float = 150.0, tilt: float = 0.5) -> tuple[Scene, RigidBody]:
     c, s = np.cos(tilt), np.sin(tilt)
     turned = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     axis = turned[:, 2]
-    body = scene.body(MASS, (ACROSS, ACROSS, ALONG), HEIGHT * axis, turned, spin=spin * axis)
-    body.joint(None, (0.0, 0.0, 0.0))
+    body = scene.body(MASS, (ACROSS, ACROSS, ALONG), HEIGHT * axis, turned, angular_velocity=spin * axis)
+    body.spherical(None, (0.0, 0.0, 0.0))
     angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     body.point(np.column_stack([DISC * np.cos(angles), DISC * np.sin(angles), np.zeros(8)]))
     body.point((0.0, 0.0, -HEIGHT))
@@ -51,7 +51,7 @@ def spinning_top(spin: float = 150.0, tilt: float = 0.5, t_end: float = 2.0) -> 
 
 
 def draw(figure, solution, body):
-    x, y, z = body.centre.of(solution.u).T / HEIGHT
+    x, y, z = body.centre.positions(solution.u).T / HEIGHT
     drawing.plane(figure, {"axis": (x, y)}, ("x (-)", "y (-)"), fixed="support")
     drawing.lines(drawing.time_panel(figure, "tilt of the axis\n(rad)"), solution.t, np.arccos(z))
     turned = np.unwrap(np.arctan2(x, -y))

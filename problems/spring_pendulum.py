@@ -6,12 +6,12 @@ import numpy as np
 
 from eig3 import drawing
 from eig3.animation import Mechanism
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.math import cos, sincos
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p, a):
     m, l0, k, g = p[0], p[1], p[2], p[3]
     r, theta = u[0], u[1]
@@ -20,7 +20,7 @@ def rhs(t, u, v, p, a):
     a[1] = -(2 * v[0] * v[1] + g * sine) / r
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     m, l0, k, g = p[0], p[1], p[2], p[3]
     r, theta = u[0], u[1]

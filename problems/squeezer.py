@@ -58,15 +58,15 @@ def mechanism() -> tuple[Scene, list[RigidBody]]:
     given = zip(MASSES, INERTIAS, centres, angles, strict=True)
     bodies = [scene.body(*values) for values in given]
     first, bar, third, fourth, fifth, sixth, seventh = bodies
-    first.joint(None, (0.0, 0.0))
-    first.joint(bar, crank)
+    first.revolute(None, (0.0, 0.0))
+    first.revolute(bar, crank)
     for body in (third, fourth, sixth):
-        bar.joint(body, middle)
-    third.joint(None, B)
-    fifth.joint(None, A)
-    seventh.joint(None, A)
-    fourth.joint(fifth, lever)
-    sixth.joint(seventh, arm)
+        bar.revolute(body, middle)
+    third.revolute(None, B)
+    fifth.revolute(None, A)
+    seventh.revolute(None, A)
+    fourth.revolute(fifth, lever)
+    sixth.revolute(seventh, arm)
     scene.add(LinearSpring(STIFFNESS, LENGTH), scene.fixed(C), third.at(hook))
     scene.add(Torque(TORQUE), first.axes)
     return scene, bodies
@@ -95,4 +95,4 @@ def draw(figure, solution, bodies):
     others = [2, 4, 6]
     rest = drawing.time_panel(figure, "angle since the start\n(rad)")
     drawing.lines(rest, solution.t, np.column_stack([angles[k] - angles[k][0] for k in others]), ["K3", "K5", "K7"])
-    drawing.plane(figure, {f"path of K{k + 1}": bodies[k].centre.of(solution.u).T for k in (1, 3, 5)})
+    drawing.plane(figure, {f"path of K{k + 1}": bodies[k].centre.positions(solution.u).T for k in (1, 3, 5)})

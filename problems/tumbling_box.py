@@ -16,7 +16,7 @@ def scene_of_box(
     scene = Scene(dimension=3)
     a, b, c = np.square(sides)
     inertia = mass / 12 * np.array([b + c, a + c, a + b])
-    box = scene.body(mass, inertia, (0.0, 0.0, 0.0), spin=(tilt * spin, spin, 0.0))
+    box = scene.body(mass, inertia, (0.0, 0.0, 0.0), angular_velocity=(tilt * spin, spin, 0.0))
     corners = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]), axis=-1).reshape(-1, 3)
     box.point(corners * sides)
     return scene, box
@@ -53,9 +53,9 @@ def tumbling_box(
 
 
 def draw(figure, solution, box):
-    axes = box.axes.of(solution.u)
+    axes = box.axes.positions(solution.u)
     names = ["longest", "intermediate", "shortest"]
     up = drawing.time_panel(figure, "y of the axis (-)")
     drawing.lines(up, solution.t, axes[..., 1], names)
-    spins = np.einsum("tka,ta->tk", axes, box.spin(solution.u, solution.v))
+    spins = np.einsum("tka,ta->tk", axes, box.angular_velocity(solution.u, solution.v))
     drawing.lines(drawing.time_panel(figure, "spin about the axis\n(rad/s)"), solution.t, spins, names)

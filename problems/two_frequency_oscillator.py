@@ -7,18 +7,18 @@ from numpy.typing import ArrayLike
 
 from eig3 import drawing
 from eig3.animation import Curves
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 from eig3.result.labels import Labels
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p, a):
     a[0] = -p[0] * p[0] * u[0]
     a[1] = -p[1] * p[1] * u[1]
 
 
-@cached_jit
+@jit
 def energy(t, u, v, p):
     slow, fast = p[0] * u[0], p[1] * u[1]
     return (v[0] * v[0] + v[1] * v[1] + slow * slow + fast * fast) / 2

@@ -4,11 +4,11 @@ from functools import partial
 
 from eig3 import drawing
 from eig3.animation import Portrait
-from eig3.functions.callbacks import cached_jit
+from eig3.functions.callbacks import jit
 from eig3.problem import Problem
 
 
-@cached_jit
+@jit
 def rhs(t, u, v, p):
     return p[0] * (1 - u * u) * v - u
 

@@ -118,6 +118,47 @@ def velocity(t, u, v, p):
 
 
 @eig3.jit
+def first_position(t, u, v, p):
+    return u[0]
+
+
+@eig3.jit
+def above_level(t, u, v, p):
+    return u - p[1]
+
+
+@eig3.jit
+def harmonic(t, u, v, p):
+    return -u
+
+
+@eig3.jit
+def harmonic_vector(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -u[j]
+
+
+@eig3.jit
+def linear_spring(t, u, v, p):
+    return -p[0] * u
+
+
+@eig3.jit
+def falling(t, u, v, p):
+    return -p[0]
+
+
+@eig3.jit
+def rebound(t, u, v, p):
+    return u, -0.5 * v
+
+
+@eig3.jit
+def bounce(t, u, v, p):
+    return u, -0.9 * v
+
+
+@eig3.jit
 def shaken(t):
     """A support's displacement and velocity."""
     return 0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t)
@@ -132,6 +173,19 @@ def acceleration(problem, u, v, t=0.0, rhs=None):
     rhs = rhs or check_callback(problem.rhs, "rhs", VECTOR).call
     rhs(float(t), *(np.array(values, dtype=float) for values in (u, v, problem.params)), a)
     return a
+
+
+def refusals(values, types=()):
+    """Make a test of calls, each under the words of the ValueError or TypeError that it gets: a sentence."""
+    cases = [(ValueError, *row) for row in dict(values).items()] + [(TypeError, *row) for row in dict(types).items()]
+
+    @pytest.mark.parametrize(("error", "words", "call"), cases)
+    def test(error, words, call):
+        with pytest.raises(error, match=words) as caught:
+            call()
+        assert re.fullmatch(r".*[.?]", str(caught.value))
+
+    return test
 
 
 @pytest.fixture(params=ALL_METHODS, ids=lambda method: repr(method).partition(", jacobian")[0])

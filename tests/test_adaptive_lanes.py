@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.ensembles import adaptive
+from eig3.ensembles import lanewise
 from eig3.kernels.protocol import SCALAR
 from eig3.stepping import slices as slices_of_steps
+
+from .conftest import above_level, falling, linear_spring, position, rebound
 
 RNG = np.random.default_rng(2)
 M = 150  # which is more than two blocks have lanes
@@ -33,16 +35,6 @@ def planet(t, u, v, p, a):
 @eig3.jit
 def cubic(t, u, v, p):
     return p[0] * u * u * u
-
-
-@eig3.jit
-def place(t, u, v, p):
-    return u - p[1]
-
-
-@eig3.jit
-def spring(t, u, v, p):
-    return -p[0] * u
 
 
 def ellipses(m):
@@ -124,7 +116,7 @@ def test_options_of_the_tolerances(options, in_lanes):
 
 def test_a_force_of_the_position_takes_rkn12(in_lanes):
     stiffness = np.linspace(1, 4, 70)[:, None]
-    found = eig3.ensemble(spring, (0, 20), 1.0, 0.0, rtol=1e-9, params=stiffness, t_eval=[20.0])
+    found = eig3.ensemble(linear_spring, (0, 20), 1.0, 0.0, rtol=1e-9, params=stiffness, t_eval=[20.0])
     assert found.method == eig3.RKN12()
     exact = np.cos(20 * np.sqrt(stiffness[:, 0]))
     np.testing.assert_allclose(found.u[:, -1], exact, rtol=0, atol=1e-8)  # rtol times some ten steps
@@ -155,19 +147,21 @@ def test_no_lane_waits(monkeypatch):
 
     The last members may begin when the others end, which costs the steps of one more.
     """
-    calls, kernel = [], adaptive.adaptive_kernel("rk5", SCALAR, 1, adaptive.LANES, 0)
+    calls, kernel = [], lanewise.adaptive_kernel("rk5", SCALAR, 1, lanewise.ADAPTIVE_LANES, 0)
     monkeypatch.setattr(slices_of_steps, "_SECONDS", 0.0)  # each call of the kernel is a step
     monkeypatch.setattr(slices_of_steps, "_LONGEST", 0.0)
-    monkeypatch.setattr(adaptive, "adaptive_kernel", lambda *_: lambda *given: calls.append(1) or kernel(*given))
+    monkeypatch.setattr(lanewise, "adaptive_kernel", lambda *_: lambda *given: calls.append(1) or kernel(*given))
     stiff = np.ones((300, 1))
     stiff[5] = 1e4
-    found = eig3.ensemble(spring, (0, 20), 1.0, 0.0, rtol=1e-6, method="rk5", params=stiff, threads=1)
+    found = eig3.ensemble(linear_spring, (0, 20), 1.0, 0.0, rtol=1e-6, method="rk5", params=stiff, threads=1)
     trials = found.n_steps + found.n_rejected
     assert trials[5] > 50 * trials[0]
     assert trials[5] <= len(calls) <= trials[5] + trials[0] + 2
-    rounds = -(-299 // (adaptive.LANES - 1))
+    rounds = -(-299 // (lanewise.ADAPTIVE_LANES - 1))
     calls.clear()
-    found = eig3.ensemble(spring, (0, 20), 1.0, 0.0, rtol=1e-6, method="rk5", params=np.ones((299, 1)), threads=1)
+    found = eig3.ensemble(
+        linear_spring, (0, 20), 1.0, 0.0, rtol=1e-6, method="rk5", params=np.ones((299, 1)), threads=1
+    )
     assert len(calls) <= (rounds + 1) * (trials[0] + 1)
 
 
@@ -210,22 +204,27 @@ def push(t, u, v, p):
     v[1] *= 1.01
 
 
-THERE = {"there": eig3.Event(place, direction=-1)}
+THERE = {"there": eig3.Event(above_level, direction=-1)}
 SIGHTS = {
     "logged": {"events": {**THERE, "slow": eig3.Event(slow)}},
-    "reset": {"events": {"there": eig3.Event(place, apply=brake)}},
-    "terminal": {"events": {"there": eig3.Event(place, direction=-1, terminal=True)}},
-    "terminal reset": {"events": {"there": eig3.Event(place, apply=brake, terminal=True), "slow": eig3.Event(slow)}},
+    "reset": {"events": {"there": eig3.Event(above_level, apply=brake)}},
+    "terminal": {"events": {"there": eig3.Event(above_level, direction=-1, terminal=True)}},
+    "terminal reset": {
+        "events": {"there": eig3.Event(above_level, apply=brake, terminal=True), "slow": eig3.Event(slow)}
+    },
     "times": {"t_eval": np.linspace(0.0, 10.0, 23)},
     "late times": {"t_eval": [3.3, 3.4, 10.0]},
-    "times and resets": {"t_eval": np.linspace(0.0, 10.0, 23), "events": {"there": eig3.Event(place, apply=brake)}},
+    "times and resets": {
+        "t_eval": np.linspace(0.0, 10.0, 23),
+        "events": {"there": eig3.Event(above_level, apply=brake)},
+    },
     "times at an end": {
         "t_eval": np.linspace(0.0, 10.0, 21),
         "events": {"clock": eig3.Event(clock, terminal=True), "slow": eig3.Event(slow)},
     },
     "times and an end": {
         "t_eval": np.linspace(0.0, 10.0, 203),
-        "events": {"there": eig3.Event(place, direction=-1, terminal=True)},
+        "events": {"there": eig3.Event(above_level, direction=-1, terminal=True)},
     },
 }
 PLACES = np.column_stack([np.linspace(1.0, 2.0, M), np.linspace(-1.5, 1.5, M)])  # of a spring with u from 1 to -1
@@ -254,11 +253,11 @@ def assert_as_single(found, one, i):
 @pytest.mark.parametrize("method", ["rk5", "eig3", "rkn12"])  # the next test has rk8
 def test_events_and_times_are_those_of_single_runs(sight, method, in_lanes):
     options = {"rtol": 1e-5 if method == "eig3" else 1e-8, "method": method, **SIGHTS[sight]}
-    found = eig3.ensemble(spring, (0, 10), 1.0, 0.3, params=PLACES, **options)
+    found = eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, params=PLACES, **options)
     assert not found.notes
     for i in range(0, M, 11):
         with_ends = options if "t_eval" in options else {**options, "save_every": None}
-        one = eig3.integrate(spring, (0, 10), 1.0, 0.3, params=PLACES[i], **with_ends)
+        one = eig3.integrate(linear_spring, (0, 10), 1.0, 0.3, params=PLACES[i], **with_ends)
         assert_as_single(found, one, i)
 
 
@@ -275,13 +274,13 @@ def test_events_of_two_degrees_of_freedom(in_lanes):
 def test_members_with_events_depend_on_nothing_but_themselves(monkeypatch):
     """The same bits in another order, in threads, and with a log that is full at nearly every step."""
     options = {"rtol": 1e-7, "method": "rk5", "t_eval": np.linspace(0, 10, 9)}
-    options["events"] = {"there": eig3.Event(place, apply=brake), "slow": eig3.Event(slow)}
+    options["events"] = {"there": eig3.Event(above_level, apply=brake), "slow": eig3.Event(slow)}
     order = RNG.permutation(M)
-    found = eig3.ensemble(spring, (0, 10), 1.0, 0.3, params=PLACES, threads=1, **options)
-    others = [(eig3.ensemble(spring, (0, 10), 1.0, 0.3, params=PLACES[order], threads=2, **options), order)]
-    monkeypatch.setattr("eig3.stepping.watching._LOG_ROWS", 1)
-    monkeypatch.setattr("eig3.stepping.watching._LOG_VALUES", 1)
-    others.append((eig3.ensemble(spring, (0, 10), 1.0, 0.3, params=PLACES, threads=1, **options), np.arange(M)))
+    found = eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, params=PLACES, threads=1, **options)
+    others = [(eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, params=PLACES[order], threads=2, **options), order)]
+    monkeypatch.setattr("eig3.stepping.observer._LOG_ROWS", 1)
+    monkeypatch.setattr("eig3.stepping.observer._LOG_VALUES", 1)
+    others.append((eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, params=PLACES, threads=1, **options), np.arange(M)))
     for other, chosen in others:
         for name in ("u", "v", "steps", "n_rhs"):
             np.testing.assert_array_equal(getattr(other, name), getattr(found, name)[chosen])
@@ -291,29 +290,14 @@ def test_members_with_events_depend_on_nothing_but_themselves(monkeypatch):
                 np.testing.assert_array_equal(other[i].events[name].t, found[int(chosen[i])].events[name].t)
 
 
-@eig3.jit
-def fall(t, u, v, p):
-    return -p[0]
-
-
-@eig3.jit
-def bounce(t, u, v, p):
-    return u, -0.5 * v
-
-
-@eig3.jit
-def floor(t, u, v, p):
-    return u
-
-
 def test_balls_that_come_to_rest_end_as_single_runs_do():
     """Their impacts follow each other without end: a single run takes them, whose occurrences are not written twice."""
-    options = {"rtol": 1e-6, "method": "rk5", "events": {"impact": eig3.Event(floor, direction=-1, apply=bounce)}}
+    options = {"rtol": 1e-6, "method": "rk5", "events": {"impact": eig3.Event(position, direction=-1, apply=rebound)}}
     heights = np.linspace(0.5, 5.0, 40)  # of which the higher ones still bounce at the end
-    found = eig3.ensemble(fall, (0, 2), heights, 0.0, params=np.full((40, 1), 9.81), **options)
+    found = eig3.ensemble(falling, (0, 2), heights, 0.0, params=np.full((40, 1), 9.81), **options)
     assert {status.name for status in found.status} == {"COMPLETED", "ZENO"}
     for i in range(0, 40, 3):
-        one = eig3.integrate(fall, (0, 2), heights[i], 0.0, params=[9.81], save_every=None, **options)
+        one = eig3.integrate(falling, (0, 2), heights[i], 0.0, params=[9.81], save_every=None, **options)
         assert_as_single(found, one, i)
 
 
@@ -332,7 +316,7 @@ def test_few_members_run_alone(monkeypatch):
     def kernel(*arguments):
         raise AssertionError("few members ran in lanes")
 
-    monkeypatch.setattr(adaptive, "adaptive_kernel", kernel)
+    monkeypatch.setattr(lanewise, "adaptive_kernel", kernel)
     found = solve("duffing", slice(15))
     for i in range(15):  # with the bits of single runs
         alone = single("duffing", i)

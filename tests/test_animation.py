@@ -29,8 +29,8 @@ from eig3.drawing import before_growth
 from eig3.effects import (
     BreakingString,
     Gravity,
+    HertzContact,
     LinearSpring,
-    MassContact,
     MassImpact,
     PlaneContact,
     RigidStop,
@@ -68,7 +68,7 @@ def swing(t_end=2.0):
     """A mass on a spring below a support that moves, above a floor."""
     scene = Scene(dimension=2)
     support, mass = scene.fixed((1.0, 2.0)), scene.mass(1.0, (1.3, 1.0))
-    scene.add(LinearSpring(100.0, length=0.8), support, mass)
+    scene.add(LinearSpring(100.0, rest_length=0.8), support, mass)
     scene.add(Gravity((0.0, -9.81)))
     scene.add(PlaneContact(1e5, normal=(0.0, 1.0), offset=0.5), mass)
     scene.add(SupportMotion(sway, (1.0, 0.0)), support)
@@ -116,7 +116,7 @@ def test_frames_are_read_between_the_saved_states(swinging):
     u = solution.at(film.t)[0]
     for i in (0, 37, len(film.t) - 1):
         show(i)
-        np.testing.assert_array_equal(dots(figure.axes[0], "o"), [mass.of(u)[i]])
+        np.testing.assert_array_equal(dots(figure.axes[0], "o"), [mass.positions(u)[i]])
         assert f"t = {film.t[i]:.2f} s" in texts(figure)
 
 
@@ -136,7 +136,7 @@ def test_the_whole_motion_is_within_the_limits_at_one_scale(swinging):
     figure.canvas.draw()
     axes = figure.axes[0]
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    x, y = mass.of(solution.u).T
+    x, y = mass.positions(solution.u).T
     assert left < x.min() < x.max() < right
     assert low < y.min() < 2 < high  # the support is at 2 m
     box = axes.get_window_extent()
@@ -157,7 +157,7 @@ def test_a_scene_of_one_dimension_stands_upright_under_gravity_and_its_string_br
     scene = Scene(dimension=1)
     hook, ball = scene.fixed(2.0), scene.mass(2.0, 1.0)
     scene.add(Gravity(-9.81))
-    scene.add(BreakingString(stiffness=200.0, length=1.0, strength=30.0), hook, ball)
+    scene.add(BreakingString(stiffness=200.0, rest_length=1.0, strength=30.0), hook, ball)
     scene.add(RigidStop(normal=1.0, restitution=0.6), ball)
     problem = scene.problem((0, 1))
     t = np.linspace(0, 1, 101)
@@ -188,7 +188,7 @@ def test_a_scene_in_space_is_drawn_in_space(any_run, monkeypatch):
     scene = Scene(dimension=3)
     post, balls = scene.fixed((0, 0, 1)), scene.mass(1.0, [(0, 0, 0.5), (0.3, 0, 0.5)])
     scene.add(LinearSpring(100.0, 0.4), post, balls[0])
-    scene.add(MassContact(1e4, reach=0.2), balls[0], balls[1])  # which is not a line
+    scene.add(HertzContact(1e4, contact_distance=0.2), balls[0], balls[1])  # which is not a line
     scene.add(Gravity((0, 0, -9.81)))
     scene.add(PlaneContact(1e5, normal=(0.6, 0, 0.8), offset=0.1), balls)  # their radius
     problem = scene.problem((0, 1))
@@ -209,7 +209,7 @@ def test_a_scene_in_space_is_drawn_in_space(any_run, monkeypatch):
     assert (plane <= limits[1] + 1e-12).all()
 
 
-@pytest.mark.parametrize("contact", [lambda reach: MassContact(1e5, reach), lambda reach: MassImpact(reach)])
+@pytest.mark.parametrize("contact", [lambda reach: HertzContact(1e5, reach), lambda reach: MassImpact(reach)])
 def test_contacts_are_discs_of_their_radius(any_run, contact):
     """Three balls on a floor, each of which touches it, and a post that they can strike. Pixels tell what is drawn."""
     radii = np.array([0.1, 0.2, 0.3])

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,14 +15,17 @@ import numba
 import pytest
 
 import eig3
-from eig3.kernels.compile import cache, jit
+from eig3.cli import main
+from eig3.kernels.compile import cache, content
 from eig3.kernels.compile.numba_internals import NoFolderError, cache_of
+from eig3.kernels.compile.numba_internals import compilations as counted
 
 from .conftest import ALL_METHODS
 
 USER = """
 import numba
 import eig3
+from eig3.cli import main
 
 @numba.njit(cache=True)
 def rhs(t, u, v, p):
@@ -35,6 +39,7 @@ import gc
 import sys
 
 import eig3
+from eig3.cli import main
 from eig3.kernels.compile.numba_internals import Jitted, compilations, compile_results
 
 ours = [x for x in gc.get_objects() if issubclass(type(x), Jitted) and x.py_func.__module__.startswith("eig3.")]
@@ -71,22 +76,35 @@ def compilations(*methods, cache=None):
 
 
 @pytest.mark.system
-def test_second_process_compiles_only_the_users_functions_until_the_cache_is_cleared(tmp_path):
+def test_second_process_compiles_nothing_until_the_cache_is_cleared(tmp_path):
     kernels, own = compilations("rk2", cache=tmp_path)
     assert kernels > 0
     assert own == 3
-    assert compilations("rk2", cache=tmp_path) == (0, 3)
-    kept = sorted(path.parent for path in tmp_path.rglob("*.nbc"))
+    assert compilations("rk2", cache=tmp_path) == (0, 0)
+    kept = list(tmp_path.rglob("*.nbc"))
     assert kept
-    assert {str(folder) for folder in kept} <= set(cache_command("--path", tmp_path))
-    deleted = [int(line.split()[-3]) for line in cache_command("--clear", tmp_path)]
-    assert sum(deleted) == len(kept)
+    assert cache_command("--path", tmp_path) == [str(kept[0].parent)]
+    assert cache_command("--clear", tmp_path) == [f"{kept[0].parent}: {len(kept)} files deleted"]
     assert not list(tmp_path.rglob("*.nbc"))
 
 
-def cache_command(option, folder):
+@pytest.mark.system
+def test_the_cache_is_filled_ahead(tmp_path):
+    first, *_, last = cache_command("--fill", tmp_path, "cd")
+    assert re.match(r" 1 of 1: cd, \d\d+ functions in \d+\.\d s of CPU time$", first)
+    assert Path(last).is_dir()
+    assert compilations("cd", cache=tmp_path)[0] == 0  # the kernels are there
+    assert cache_command("--fill", tmp_path, "cd")[0].startswith(" 1 of 1: cd, 0 functions")
+
+
+def test_a_use_that_is_not_known_is_refused():
+    with pytest.raises(SystemExit, match=r"there is no use rk17; the uses are eig3, cd, "):
+        main(["cache", "--fill", "rk17"])
+
+
+def cache_command(option, folder, *arguments):
     """The lines that `eig3 cache` prints for another folder."""
-    command = [sys.executable, "-m", "eig3", "cache", option]
+    command = [sys.executable, "-m", "eig3", "cache", option, *arguments]
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
 
@@ -95,17 +113,17 @@ def cache_command(option, folder):
 def test_no_method_compiles_a_kernel_that_is_on_disk():
     methods = sorted({method.name for method in ALL_METHODS})
     compilations(*methods)  # the first process may compile them
-    assert compilations(*methods) == (0, 3)
+    assert compilations(*methods) == (0, 0)
 
 
 def test_a_change_of_any_kernel_file_is_noticed(tmp_path, monkeypatch):
     copy = tmp_path / "kernels"
-    shutil.copytree(Path(jit.__file__).parent.parent, copy)
-    monkeypatch.setattr(jit, "__file__", str(copy / "compile" / "jit.py"))
-    before = jit._fingerprint.__wrapped__()
+    shutil.copytree(Path(content.__file__).parent.parent, copy)
+    monkeypatch.setattr(content, "__file__", str(copy / "compile" / "content.py"))
+    before = content.fingerprint.__wrapped__()
     march = copy / "loops" / "march.py"
     march.write_text(march.read_text() + "\n")
-    assert jit._fingerprint.__wrapped__() != before
+    assert content.fingerprint.__wrapped__() != before
 
 
 @eig3.jit
@@ -114,19 +132,19 @@ def square(x):
 
 
 def test_without_a_place_for_the_cache_functions_are_compiled_with_a_warning(monkeypatch):
-    def nowhere(function):
+    def nowhere(function, name):
         raise NoFolderError
 
     monkeypatch.setattr(cache, "_warned", set())
     monkeypatch.setattr(cache, "CheckedCache", nowhere)
     with pytest.warns(RuntimeWarning, match=r"cannot keep compiled code in any folder .* choose another folder with"):
-        function = eig3.jit(square.py_func, cache=True)
+        function = eig3.jit(square.py_func)
     assert function(3.0) == 9.0
 
 
 def test_the_warning_comes_once_and_names_the_folder_and_the_command(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "_warned", set())
-    functions = [eig3.jit(square.py_func, cache=True) for _ in range(2)]
+    functions = [eig3.jit(square.py_func) for _ in range(2)]
     for function in functions:
         cache_of(function).files.folder = tmp_path / "a file"
     (tmp_path / "a file").touch()
@@ -139,12 +157,12 @@ def test_the_warning_comes_once_and_names_the_folder_and_the_command(tmp_path, m
 
 
 def test_other_errors_of_numba_come_through(monkeypatch):
-    def broken(function):
+    def broken(function, name):
         raise RuntimeError("out of registers")
 
     monkeypatch.setattr(cache, "CheckedCache", broken)
     with pytest.raises(RuntimeError, match="out of registers"):
-        eig3.jit(square.py_func, cache=True)
+        eig3.jit(square.py_func)
 
 
 @pytest.mark.system
@@ -157,7 +175,7 @@ def test_a_users_function_in_numbas_cache_survives_damage(tmp_path):
         return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout
 
     first = printed()
-    files = list((tmp_path / "cache").rglob("*user*.nb*"))
+    files = list((tmp_path / "cache").rglob("*.nbc"))
     assert files
     for path in files:
         os.truncate(path, 100)
@@ -165,17 +183,13 @@ def test_a_users_function_in_numbas_cache_survives_damage(tmp_path):
 
 
 def test_a_function_can_be_compiled_anew():
-    def files():
-        return set(cache.folder_of(square.py_func).glob("*square-*.nbc"))
-
-    function = eig3.jit(square.py_func, cache=True)
-    assert function(3.0) == 9.0
-    before = files()
-    function.recompile()
+    function = eig3.jit(square.py_func)
     assert function(3.0) == 9.0
     function.recompile()
-    assert files() == before
-    assert before
+    assert function(3.0) == 9.0
+    with counted() as functions:  # the code stays on the disk
+        assert eig3.jit(square.py_func)(3.0) == 9.0
+    assert not functions
 
 
 OWN = cache._this_user()
@@ -196,7 +210,7 @@ def shared(tmp_path):
     """A folder with a file of compiled code that makes another file, "mark", when it is loaded."""
     folder = tmp_path / "shared"
     folder.mkdir(mode=0o755)
-    files = cache._Files(folder, "a-1.py", "stamp", OWN)
+    files = cache._Files(folder, "stamp", OWN)
     files.save("key", Intruder(tmp_path / "mark"))
     return SimpleNamespace(folder=folder, files=files, path=next(folder.iterdir()), mark=tmp_path / "mark")
 
@@ -224,15 +238,12 @@ def test_what_others_can_write_is_not_loaded(shared, name, mode):
 def test_code_of_another_user_is_not_loaded(shared):
     """Seen from that user, the files are those of another one; but not if the source of the function is so too."""
     stranger = frozenset({("user", os.geteuid() + 1)})
-    files = cache._Files(shared.folder, "a-1.py", "stamp", stranger)
+    files = cache._Files(shared.folder, "stamp", stranger)
     with pytest.raises(cache._UntrustedError, match=f"^user {os.geteuid()} can write {shared.folder}$"):
         files.load("key")
     assert not shared.mark.exists()
     shared.files.save("key", 1)
-    assert (
-        cache._Files(shared.folder, "a-1.py", "stamp", stranger | cache._writers(Path(__file__).stat())).load("key")
-        == 1
-    )
+    assert cache._Files(shared.folder, "stamp", stranger | cache._writers(Path(__file__).stat())).load("key") == 1
 
 
 @needs_owners
@@ -250,7 +261,7 @@ def test_a_link_to_a_file_that_others_can_write_is_not_loaded(shared, tmp_path):
 def test_new_files_can_be_written_by_nobody_else(tmp_path):
     before = os.umask(0)
     try:
-        cache._Files(tmp_path, "a-1.py", "stamp", OWN).save("key", 1)
+        cache._Files(tmp_path, "stamp", OWN).save("key", 1)
     finally:
         os.umask(before)
     assert [path.stat().st_mode & 0o777 for path in tmp_path.iterdir()] == [0o644]
@@ -272,7 +283,7 @@ def test_only_a_group_without_other_members_is_the_users_own(monkeypatch):
 @needs_owners
 def test_in_a_folder_of_others_a_function_is_compiled_with_one_warning(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "_warned", set())
-    functions = [eig3.jit(square.py_func, cache=True) for _ in range(2)]
+    functions = [eig3.jit(square.py_func) for _ in range(2)]
     tmp_path.chmod(0o777)
     for function in functions:
         cache_of(function).files.folder = tmp_path
@@ -339,18 +350,30 @@ def test_a_file_that_cannot_be_deleted_is_named_and_the_others_are_deleted(tmp_p
 
 def test_code_of_an_older_source_is_deleted(tmp_path):
     def files(stamp):
-        return cache._Files(tmp_path, "a-1.py", stamp, OWN)
+        return cache._Files(tmp_path, stamp, OWN)
 
     files("monday").save("key", 1)
     files("monday").save("other", 2)
     assert (files("monday").load("key"), files("monday").load("other")) == (1, 2)
     files("tuesday").save("key", 3)
+    files("tuesday")._tidy()
     assert files("monday").load("key") is None
     assert len(list(tmp_path.iterdir())) == 1
 
 
+def test_what_was_not_used_for_long_goes_first(tmp_path, monkeypatch):
+    files = cache._Files(tmp_path, "stamp", OWN)
+    for age, key in enumerate("abcd"):
+        files.save(key, bytes(1000))
+        os.utime(files._path((key, files._versions)), (1e9 - age, 1e9 - age))
+    assert files.load("d") == bytes(1000)  # it is used now
+    monkeypatch.setattr(cache, "_MOST_BYTES", 2500)
+    files._tidy()
+    assert [files.load(key) is not None for key in "abcd"] == [True, False, False, True]
+
+
 def test_two_keys_of_one_text_are_different(tmp_path):
-    files = cache._Files(tmp_path, "a-1.py", "stamp", OWN)
+    files = cache._Files(tmp_path, "stamp", OWN)
     files.save("'a'", 1)
     assert files.load("'a'") == 1
     path = files._path(("'a'", files._versions))

@@ -20,8 +20,8 @@ from eig3.effects import (
     Morse,
     NeoHookean,
     RyckaertBellemans,
-    StVenantKirchhoff,
-    StVenantKirchhoffTriangle,
+    StVenantKirchhoffMembrane,
+    StVenantKirchhoffSolid,
     SupportMotion,
     Triangle,
     WindPressure,
@@ -32,21 +32,21 @@ from eig3.problems.jelly import cube
 from eig3.scene import Scene, edges, hinges
 from eig3.scene.mesh import surface
 
-from .conftest import acceleration
+from .conftest import acceleration, refusals
 
 CHAIN = np.array([(0.3, 1.0, -0.2), (0.0, 0.0, 0.0), (1.0, 0.1, 0.0), (1.3, -0.6, 0.8)])
 CORNER = np.array([(0.1, 0.0, 0.0), (1.0, 0.2, 0.1), (0.2, 0.9, -0.1), (0.1, 0.3, 1.1)])
 #: Every new effect with a potential: the dimensions of its scenes, and the points of one cell or pair.
 CONSERVATIVE = {
     "Lennard-Jones": (LennardJones(0.7, 0.9, 2.5), (1, 2, 3), CHAIN[1:3]),
-    "Coulomb": (Coulomb(-1.3, 2.0), (1, 2, 3), CHAIN[1:3]),
-    "damped Coulomb": (Coulomb(1.3, 2.0, damping=0.9), (1, 2, 3), CHAIN[1:3]),
-    "Morse": (Morse(0.7, 0.4, 0.9), (1, 2, 3), CHAIN[1:3]),
+    "Coulomb": (Coulomb(-1.3, cutoff=2.0), (1, 2, 3), CHAIN[1:3]),
+    "damped Coulomb": (Coulomb(1.3, 0.9, 2.0), (1, 2, 3), CHAIN[1:3]),
+    "Morse": (Morse(0.7, 2.5, 0.9), (1, 2, 3), CHAIN[1:3]),
     "angle": (HarmonicAngle(3.0, 1.2), (2, 3), CHAIN[:3]),
     "dihedral": (RyckaertBellemans([1.0, 2.0, -0.5, 0.3, 0.7, -1.1]), (3,), CHAIN),
     "hinge": (HingeBending(2.0), (3,), CHAIN),
-    "membrane": (StVenantKirchhoffTriangle(5.0, 0.3, 0.4), (2, 3), CORNER[:3]),
-    "St Venant-Kirchhoff": (StVenantKirchhoff(5.0, 0.3), (3,), CORNER),
+    "membrane": (StVenantKirchhoffMembrane(5.0, 0.3, 0.4), (2, 3), CORNER[:3]),
+    "St Venant-Kirchhoff": (StVenantKirchhoffSolid(5.0, 0.3), (3,), CORNER),
     "neo-Hookean": (NeoHookean(5.0, 0.3), (3,), CORNER),
 }
 CASES = [(name, d) for name, (_, dimensions, _) in CONSERVATIVE.items() for d in dimensions]
@@ -121,7 +121,7 @@ def test_a_dihedral_angle_is_that_of_iupac(phi):
     """Seen along the middle link, from the second point to the third, the last is clockwise of the first by phi."""
     first, last = (np.array([np.cos(a), np.sin(a), 0.0]) for a in (0.7, 0.7 + phi))
     x = (first - np.array([0, 0, 0.3]), np.zeros(3), np.array([0.0, 0.0, 1.0]), last + np.array([0, 0, 1.2]))
-    assert Dihedral.measure(tuple(map(tuple, x))) == pytest.approx(phi, abs=1e-14)
+    assert Dihedral.value(tuple(map(tuple, x))) == pytest.approx(phi, abs=1e-14)
     u = np.array(x).T.ravel()
     assert dihedrals(u)[0] == pytest.approx(phi % (2 * np.pi), abs=1e-14)
 
@@ -217,7 +217,7 @@ def test_a_cell_of_ones_own_in_one_dimension():
 # Materials
 
 
-@pytest.mark.parametrize("effect", [StVenantKirchhoff(3e5, 0.3), NeoHookean(3e5, 0.3)])
+@pytest.mark.parametrize("effect", [StVenantKirchhoffSolid(3e5, 0.3), NeoHookean(3e5, 0.3)])
 def test_a_solid_has_its_elastic_constants_for_small_strain(effect):
     """In tension along x with free sides, the energy is E e^2 / 2 and the stress E e, up to the square of e."""
     e = 1e-5
@@ -230,7 +230,7 @@ def test_a_solid_has_its_elastic_constants_for_small_strain(effect):
 
 def test_a_membrane_is_in_plane_stress():
     e = 1e-6
-    stress = StVenantKirchhoffTriangle.stress(((1 + e, 0.0), (0.0, 1 - 0.3 * e)), 3e5, 0.3)
+    stress = StVenantKirchhoffMembrane.stress(((1 + e, 0.0), (0.0, 1 - 0.3 * e)), 3e5, 0.3)
     np.testing.assert_allclose(stress, np.diag([3e5 * e, 0]), rtol=0, atol=3e5 * e * 1e-5)
 
 
@@ -251,7 +251,7 @@ def test_a_cell_that_inverts_has_finite_forces_or_ends_the_run():
     """A corner is shot through the cell in one step."""
     velocity = np.zeros((4, 3))
     velocity[3, 2] = -200.0
-    for effect, stops in ((StVenantKirchhoff(5.0, 0.3), False), (NeoHookean(5.0, 0.3), True)):
+    for effect, stops in ((StVenantKirchhoffSolid(5.0, 0.3), False), (NeoHookean(5.0, 0.3), True)):
         scene = Scene(3)
         scene.add_mesh(CORNER, [(0, 1, 2, 3)], effect, density=1.0, velocity=velocity)
         solution = scene.problem((0.0, 0.05)).integrate(h=0.01)
@@ -295,7 +295,7 @@ def test_the_critical_step_of_one_element():
     K = B.T @ D @ B * thickness / (4 * area)
     omega = np.sqrt(np.linalg.eigvalsh(K).max() / (rho * area * thickness / 3))
     scene = Scene(2)
-    scene.add_mesh(x, [(0, 1, 2)], StVenantKirchhoffTriangle(E, nu, thickness), density=rho)
+    scene.add_mesh(x, [(0, 1, 2)], StVenantKirchhoffMembrane(E, nu, thickness), density=rho)
     assert scene.problem((0, 1)).critical_step().limit == pytest.approx(2 / omega, rel=1e-3)
 
 
@@ -307,7 +307,7 @@ def held_sheet(work):
     x = np.array([(0.1 * i, 0.1 * j, 0.0) for i in range(4) for j in range(3)])
     cells = sheet(4, 3)
     scene = Scene(3)
-    cloth = scene.add_mesh(x, cells, StVenantKirchhoffTriangle(1e4, 0.3, 1e-3), density=300.0, fixed=[0, 1, 2])
+    cloth = scene.add_mesh(x, cells, StVenantKirchhoffMembrane(1e4, 0.3, 1e-3), density=300.0, fixed=[0, 1, 2])
     scene.add(HingeBending(1e-3), *cloth[hinges(cells)])
     scene.add(WindPressure(1.2, (0.0, 2.0, 0.5)), *cloth[cells.T])
     scene.add(SupportMotion(swing, (0, 0.5, 1.0)), cloth[:3])
@@ -331,7 +331,7 @@ def test_cells_follow_the_supports(laws):
     found = []
     for places in (x, moved):
         scene = Scene(3)
-        material = StVenantKirchhoffTriangle(1e4, 0.3, 1e-3)
+        material = StVenantKirchhoffMembrane(1e4, 0.3, 1e-3)
         cloth = scene.add_mesh(places, cells, material, density=300.0, fixed=[0, 1, 2], rest=x)
         scene.add(HingeBending(1e-3), *cloth[hinges(cells)])
         for k, direction in enumerate(directions[:laws] if places is x else ()):
@@ -347,7 +347,7 @@ def test_supports_that_move_cells_do_work():
     problem = held_sheet(work=True)
     runs = [problem.integrate(h=h, method="rk4", save_every=10) for h in (1e-3, 5e-4)]
     drifts = [run.drift["energy"] for run in runs]
-    assert drifts[1] < 1e-4 * np.ptp(runs[1].integrals["work"])
+    assert drifts[1] < 1e-4 * np.ptp(runs[1].quadratures["work"])
     assert drifts[0] > 8 * drifts[1]
 
 
@@ -374,7 +374,7 @@ def mixture():
     flap = scene.mass(0.2, [(2.0, 0.0, 0.1), (2.0, 1.0, -0.1)])
     corners = (body[4], flap[0], flap[1]), (body[4], flap[1], body[6])
     for a, b, c in corners:
-        scene.add(StVenantKirchhoffTriangle(100.0, 0.3, 0.1), a, b, c)
+        scene.add(StVenantKirchhoffMembrane(100.0, 0.3, 0.1), a, b, c)
     scene.add(HingeBending(0.3), flap[0], body[4], flap[1], body[6])
     chain = scene.mass(0.3, CHAIN + np.array([0, 0, 3.0]), rng.standard_normal((4, 3)))
     scene.add(LinearSpring(30.0, 1.0), chain[:-1], chain[1:])
@@ -427,7 +427,7 @@ def test_a_mesh_has_the_mass_of_its_cells():
     """An equal part of each cell for each corner, with a density and a thickness for each cell; none for supports."""
     points = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)])
     scene = Scene(2)
-    membrane = StVenantKirchhoffTriangle(1e3, 0.3, thickness=[0.1, 0.2])
+    membrane = StVenantKirchhoffMembrane(1e3, 0.3, thickness=[0.1, 0.2])
     body = scene.add_mesh(points, [(0, 1, 2), (0, 2, 3)], membrane, density=[3.0, 6.0], fixed=[3])
     assert body.shape == (4,)
     problem = scene.problem((0, 1))
@@ -444,7 +444,7 @@ def test_a_mesh_that_is_refused_leaves_no_points():
         with pytest.raises(ValueError, match=r"only fixed points|velocity of masses must have the shape"):
             scene.add_mesh(TRIANGLE[:3], [(0, 1, 2)], MEMBRANE, density=1.0, **wrong)
     with pytest.raises(ValueError, match="which does not match points of shape"):
-        scene.add_mesh(TRIANGLE[:3], [(0, 1, 2)], StVenantKirchhoffTriangle([1.0, 2.0], 0.3, 1.0), density=1.0)
+        scene.add_mesh(TRIANGLE[:3], [(0, 1, 2)], StVenantKirchhoffMembrane([1.0, 2.0], 0.3, 1.0), density=1.0)
     assert len(scene.mass(1.0, np.zeros((1, 2))).numbers) == 1
     assert scene.problem((0, 1)).u0.size == 2
 
@@ -462,10 +462,10 @@ def test_a_film_shows_surfaces_and_no_points_in_them():
 
 
 TRIANGLE = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (2.0, 2.0)]
-MEMBRANE = StVenantKirchhoffTriangle(1.0, 0.3, 1.0)
+MEMBRANE = StVenantKirchhoffMembrane(1.0, 0.3, 1.0)
 
 
-def meshed(points, cells, effect=MEMBRANE, density=1.0, **options):
+def meshed(effect=MEMBRANE, points=TRIANGLE, cells=((0, 1, 2), (1, 3, 2)), density=1.0, **options):
     return Scene(len(points[0])).add_mesh(points, cells, effect, density=density, **options)
 
 
@@ -489,119 +489,50 @@ class Thin(Triangle):
         return F
 
 
-WRONG = {
-    "inverted triangle": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2), (1, 2, 3)]),
-        ValueError,
-        "cell 1 of StVenantKirchhoffTriangle is inverted at rest: give its corners counterclockwise.",
+BAD_VALUES = {
+    "cell 1 .* is inverted at rest: give its corners counterclockwise.": lambda: meshed(cells=[(0, 1, 2), (1, 2, 3)]),
+    "cell 0 of StVenantKirchhoffMembrane has no area at rest": lambda: meshed(
+        points=[(0, 0), (1, 0), (2, 0)], cells=[(0, 1, 2)]
     ),
-    "flat triangle": (
-        lambda: meshed([(0, 0), (1, 0), (2, 0)], [(0, 1, 2)]),
-        ValueError,
-        "cell 0 of StVenantKirchhoffTriangle has no area at rest",
+    "cell 0 .* has no area at rest": lambda: meshed(points=[(0, 0, 0), (1, 1, 1), (2, 2, 2)], cells=[(0, 1, 2)]),
+    "cell 0 of NeoHookean is inverted at rest: exchange two of its corners.": lambda: meshed(
+        NeoHookean(1.0, 0.3), CORNER, [(0, 2, 1, 3)]
     ),
-    "flat triangle in space": (
-        lambda: meshed([(0, 0, 0), (1, 1, 1), (2, 2, 2)], [(0, 1, 2)]),
-        ValueError,
-        "cell 0 of StVenantKirchhoffTriangle has no area at rest",
+    "cell 0 of NeoHookean has no volume at rest": lambda: meshed(
+        NeoHookean(1.0, 0.3), CORNER * (1, 1, 0), [(0, 1, 2, 3)]
     ),
-    "inverted tetrahedron": (
-        lambda: meshed(CORNER, [(0, 2, 1, 3)], NeoHookean(1.0, 0.3)),
-        ValueError,
-        "cell 0 of NeoHookean is inverted at rest: exchange two of its corners.",
+    "points must belong to cells, but point 3 does not: remove it from the mesh.": lambda: meshed(cells=[(0, 1, 2)]),
+    r"cells must name points from 0 to 3, but cell 1 is \[1, 3, 4\]": lambda: meshed(cells=[(0, 1, 2), (1, 3, 4)]),
+    "cell 0 of StVenant": lambda: meshed(cells=[(1, 1, 2), (0, 1, 3)]),
+    r"cells must have the shape \(cells, 3\), not \(1, 4\)": lambda: meshed(cells=[(0, 1, 2, 3)]),
+    "density must be positive": lambda: meshed(density=0.0),
+    r"density must be a number or have the shape \(2,\)": lambda: meshed(density=[1.0] * 3),
+    "fixed must name points from 0 to 3": lambda: meshed(fixed=[4]),
+    r"fixed must have the shape \(4,\)": lambda: meshed(fixed=[True]),
+    "StVenantKirchhoffMembrane has only fixed points in cell 1": lambda: meshed(fixed=[1, 2, 3]),
+    r"rest of a mesh must have the shape \(4, 2\)": lambda: meshed(rest=TRIANGLE[:3]),
+    "NeoHookean needs a scene of 3 dimensions, not 2.": lambda: meshed(NeoHookean(1.0, 0.3), cells=[(0, 1, 2, 3)]),
+    "thickness of StVenantKirchhoffMembrane must be positive.": lambda: StVenantKirchhoffMembrane(1.0, 0.3, 0.0),
+    "nu of NeoHookean must be between -1 and 0.5.": lambda: NeoHookean(1.0, 0.5),
+    "nu of StVenantKirchhoffMembrane": lambda: StVenantKirchhoffMembrane(1.0, 1.0, 1.0),
+    "angle of HarmonicAngle must not be above pi.": lambda: HarmonicAngle(1.0, 4.0),
+    "cutoff of LennardJones must be positive.": lambda: LennardJones(1.0, 1.0, 0.0),
+    "a of Morse must be positive.": lambda: Morse(1.0, 0.0, 1.0),
+    "cell 0 of HingeBending has a triangle without area at rest: move its corners.": lambda: (scene := Scene(3)).add(
+        HingeBending(1.0), *scene.mass(1.0, CHAIN[[1, 1, 2, 3]])
     ),
-    "flat tetrahedron": (
-        lambda: meshed(CORNER * (1, 1, 0), [(0, 1, 2, 3)], NeoHookean(1.0, 0.3)),
-        ValueError,
-        "cell 0 of NeoHookean has no volume at rest",
+}
+BAD_TYPES = {
+    "cells must be integers": lambda: meshed(cells=[(0.0, 1.0, 2.0)]),
+    "effect of add_mesh must be a Triangle or a Tetrahedron": lambda: meshed(
+        HarmonicAngle(1.0, 1.0), cells=[(0, 1, 2)]
     ),
-    "point without cell": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2)]),
-        ValueError,
-        "points must belong to cells, but point 3 does not: remove it from the mesh.",
-    ),
-    "unknown point": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2), (1, 3, 4)]),
-        ValueError,
-        r"cells must name points from 0 to 3, but cell 1 is \[1, 3, 4\]",
-    ),
-    "same point": (lambda: meshed(TRIANGLE, [(1, 1, 2), (0, 1, 3)]), ValueError, "cell 0 of StVenant"),
-    "tetrahedra for triangles": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2, 3)]),
-        ValueError,
-        r"cells must have the shape \(cells, 3\), not \(1, 4\)",
-    ),
-    "float cells": (lambda: meshed(TRIANGLE, [(0.0, 1.0, 2.0)]), TypeError, "cells must be integers"),
-    "no density": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2), (1, 3, 2)], density=0.0),
-        ValueError,
-        "density must be positive",
-    ),
-    "densities": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2), (1, 3, 2)], density=[1.0] * 3),
-        ValueError,
-        r"density must be a number or have the shape \(2,\)",
-    ),
-    "fixed beyond": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2), (1, 3, 2)], fixed=[4]),
-        ValueError,
-        "fixed must name points from 0 to 3",
-    ),
-    "short mask": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2), (1, 3, 2)], fixed=[True]),
-        ValueError,
-        r"fixed must have the shape \(4,\)",
-    ),
-    "all fixed": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2), (1, 3, 2)], fixed=[1, 2, 3]),
-        ValueError,
-        "StVenantKirchhoffTriangle has only fixed points in cell 1",
-    ),
-    "rest": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2), (1, 3, 2)], rest=TRIANGLE[:3]),
-        ValueError,
-        r"rest of a mesh must have the shape \(4, 2\)",
-    ),
-    "an angle in a mesh": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2)], HarmonicAngle(1.0, 1.0)),
-        TypeError,
-        "effect of add_mesh must be a Triangle or a Tetrahedron",
-    ),
-    "a plane solid": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2, 3)], NeoHookean(1.0, 0.3)),
-        ValueError,
-        "NeoHookean needs a scene of 3 dimensions, not 2.",
-    ),
-    "a stress that is a number": (
-        lambda: meshed(TRIANGLE, [(0, 1, 2), (1, 3, 2)], Scalar(1.0)),
-        TypeError,
-        r"stress of Scalar must return a tuple of the form \(\(0, 0\), \(0, 0\)\) here, .* not float64",
-    ),
-    "no thickness": (lambda: Thin(1.0), TypeError, "Thin must have a field thickness, m."),
-    "thickness": (
-        lambda: StVenantKirchhoffTriangle(1.0, 0.3, 0.0),
-        ValueError,
-        "thickness of StVenantKirchhoffTriangle must be positive.",
-    ),
-    "nu": (lambda: NeoHookean(1.0, 0.5), ValueError, "nu of NeoHookean must be between -1 and 0.5."),
-    "nu of a membrane": (lambda: StVenantKirchhoffTriangle(1.0, 1.0, 1.0), ValueError, "nu of StVenantKirchhoffTria"),
-    "angle": (lambda: HarmonicAngle(1.0, 4.0), ValueError, "angle of HarmonicAngle must not be above pi."),
-    "reach": (lambda: LennardJones(1.0, 1.0, 0.0), ValueError, "reach of LennardJones must be positive."),
-    "width": (lambda: Morse(1.0, 0.0, 1.0), ValueError, "width of Morse must be positive."),
-    "a flat hinge": (
-        lambda: (scene := Scene(3)).add(HingeBending(1.0), *scene.mass(1.0, CHAIN[[1, 1, 2, 3]])),
-        ValueError,
-        "cell 0 of HingeBending has a triangle without area at rest: move its corners.",
-    ),
+    r"stress of Scalar must return a tuple of the form \(\(0, 0\), \(0, 0\)\)": lambda: meshed(Scalar(1.0)),
+    "Thin must have a field thickness, m.": lambda: Thin(1.0),
 }
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_wrong_cells_are_refused_in_one_sentence(name):
-    build, error, sentence = WRONG[name]
-    with pytest.raises(error, match=sentence) as caught:
-        build()
-    assert "\n" not in str(caught.value)
+test_bad_cells = refusals(BAD_VALUES, BAD_TYPES)
 
 
 # The ready scenes
@@ -614,7 +545,7 @@ def test_a_flag_flies_in_the_wind_and_hangs_in_a_calm():
         problem = problems.flag(n=5, wind=wind, damping=0.02, t_end=3.0, work=True)
         solution = problem.integrate(h=2e-4, save_every=50)
         places[wind] = solution.u.reshape(len(solution.t), 3, -1, 5)[-100:, :, -1]
-        assert solution.drift["energy"] < 0.02 * np.ptp(solution.integrals["work"])
+        assert solution.drift["energy"] < 0.02 * np.ptp(solution.quadratures["work"])
     assert places[8.0][:, 0].mean() > 0.9
     assert np.ptp(places[8.0][:, 1], axis=0).min() > 0.1
     assert places[calm][:, 0].mean() < 0.6
@@ -625,7 +556,7 @@ def test_a_jelly_comes_to_rest_on_the_table():
     problem = problems.jelly(n=3, height=0.02, damping=0.3, t_end=1.0, work=True)
     solution = problem.integrate(h=5e-5, save_every=200)
     x = solution.u.reshape(len(solution.t), 3, -1)
-    assert solution.drift["energy"] < 1e-3 * np.ptp(solution.integrals["work"])
+    assert solution.drift["energy"] < 1e-3 * np.ptp(solution.quadratures["work"])
     assert np.abs(solution.v[-1]).max() < 0.02
     assert x[-1, 2].min() == pytest.approx(0, abs=2e-3)
     assert x[-1, 2].mean() == pytest.approx(0.03, abs=3e-3)

@@ -36,7 +36,7 @@ def slider_crank(torque=0.5):
     """The rod pulls at a spring, on a point of the body on which a force acts."""
     scene = Scene(2)
     crank = scene.body(mass=2.0, inertia=0.02, position=(0.05, 0.0))
-    crank.joint(None, (0.0, 0.0))
+    crank.revolute(None, (0.0, 0.0))
     pin, block = crank.point((0.05, 0.0)), scene.mass(4.0, (0.5, 0.0))
     scene.add(effects.Rod(), pin, block)
     scene.add(effects.Slider(direction=(1.0, 0.0)), block)
@@ -131,7 +131,7 @@ def test_an_event_at_a_point_of_a_body():
     """The lanes watch the height of the point; the members in which it falls to the stop run again as single runs."""
     scene = Scene(2)
     arm = scene.body(mass=2.0, inertia=0.05, position=(0.3, 0.0))
-    arm.joint(None, (0.0, 0.0))
+    arm.revolute(None, (0.0, 0.0))
     scene.add(effects.Gravity((0.0, -G)))
     scene.add(effects.RigidStop((0.0, 1.0), -0.2, restitution=0.5), arm.point((0.3, 0.0)))
     problem = scene.problem((0.0, 0.4))

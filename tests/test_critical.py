@@ -12,7 +12,7 @@ import eig3
 from eig3 import NoCriticalStepError, critical_step, problems
 from eig3.diagnosis.critical import _sees_rates, critical, longest_stable_step
 from eig3.diagnosis.linear import Linearised
-from eig3.effects import Coulomb, Gravity, LennardJones, MassContact, PlaneContact
+from eig3.effects import Coulomb, Gravity, HertzContact, LennardJones, PlaneContact
 from eig3.kernels.methods import eig
 from eig3.planning.pilots import Pilots, Run
 from eig3.planning.search import Search
@@ -42,8 +42,7 @@ def name_of(method):
 
 
 @pytest.mark.parametrize("method", EVERY, ids=name_of)
-@pytest.mark.parametrize("xi", [0.0, 0.02, 0.3, 1.0, 4.0])
-@pytest.mark.parametrize("omega", [1e-3, 7.0, 3e5])
+@pytest.mark.parametrize(("xi", "omega"), [(0.0, 1e-3), (0.02, 3e5), (0.3, 7.0), (1.0, 3e5), (4.0, 1e-3)])
 def test_oscillator(method, xi, omega):
     """Differences over 1.5e-8 of u and omega u leave 1.5e-8 of round-off in k and in c / omega, and a limit goes with
     either times eight at most, as the two rates do at xi = 4. Where xi = 1 its square root parts the double rate."""
@@ -204,9 +203,13 @@ def largest(method, K, C, h, n_steps):
     return highest / math.sqrt(v0 @ v0 + u0 @ K @ u0) if taken == n_steps else math.inf
 
 
-@pytest.mark.parametrize("n", [3, 20, 80])
-@pytest.mark.parametrize("kind", ["undamped", "modal", "full", "local"])
-@pytest.mark.parametrize("method", EVERY, ids=name_of)
+@pytest.mark.parametrize(
+    ("method", "kind", "n"),
+    [(method, kind, 20) for method in EVERY for kind in ("undamped", "modal", "full", "local")]
+    # projected: these have more than 64 degrees of freedom, or for an implicit method more than 36
+    + [("eig3", "full", 80), ("eig3", "local", 80), ("rk4", "full", 80), ("cd", "full", 40), ("cd", "local", 80)],
+    ids=str,
+)
 def test_runs_on_both_sides_of_the_limit(method, kind, n):
     """0.99 of the limit stays bounded, 1.01 grows without bound.
 
@@ -230,10 +233,9 @@ def test_runs_on_both_sides_of_the_limit(method, kind, n):
 
 
 @pytest.mark.parametrize("method", ["rk2", "ab2"])
-@pytest.mark.parametrize("n", [3, 20])
-def test_slowly_unstable_methods_on_both_sides(method, n):
+def test_slowly_unstable_methods_on_both_sides(method):
     """Every mode has a damping ratio of 0.1 in a system damped in proportion to sqrt(K), so that the fastest limits."""
-    random = np.random.default_rng(n)
+    n, random = 20, np.random.default_rng(20)
     Q = np.linalg.qr(random.normal(size=(n, n)))[0]
     omega = np.concatenate([[10.0], random.uniform(1, 9, n - 1)])
     K, C = Q @ np.diag(omega**2) @ Q.T, Q @ np.diag(0.2 * omega) @ Q.T
@@ -242,15 +244,6 @@ def test_slowly_unstable_methods_on_both_sides(method, n):
     # at 1.01 the growth is 0.01 Omega (Omega^3/2 - xi) > 0.0003 a step: e^15 = 3e6 in 50 000
     assert largest(method, K, C, 0.99 * found.limit, 50_000) < 30
     assert not largest(method, K, C, 1.01 * found.limit, 50_000) < 1e6
-
-
-def test_default_safety_holds_in_every_system():
-    for kind in ("undamped", "modal", "full", "local"):
-        K, C = system(kind, 20)
-        for method in EVERY:
-            params = np.concatenate([K.ravel(), C.ravel()])
-            h = critical_step(structure, np.zeros(20), np.zeros(20), params, method=method).h
-            assert largest(method, K, C, h, 1000) < 10
 
 
 # Gyroscopic systems --------------------------------------------------------------------------------------------------
@@ -346,8 +339,7 @@ def test_gyroscopic_systems_have_no_step_with_methods_that_excite_them(method, r
     assert farthest(rhs, params, method, 0.1, 40_000) > 1e6
 
 
-@pytest.mark.parametrize("n", [2, 5, 20])
-@pytest.mark.parametrize("size", [0.01, 0.1, 3.0])
+@pytest.mark.parametrize(("n", "size"), [(2, 0.01), (5, 3.0), (20, 0.01)])
 def test_weak_gyroscopic_forces_excite_lagged_central_difference(n, size):
     """It grows by half of kappa h per step, also where kappa is only a hundredth of the frequencies."""
     random = np.random.default_rng(n)
@@ -360,19 +352,16 @@ def test_weak_gyroscopic_forces_excite_lagged_central_difference(n, size):
 
 # The EIG family, RK5, RK8 and BM6 -------------------------------------------------------------------------------------
 
-STEADY_GRADES = (3, 5, 8, 13)
-FAMILY = [*(eig3.EIG(grade) for grade in (3, 5, 8, 13)), eig3.RK5(), eig3.RK8()]
+FAMILY = [eig3.EIG(5), eig3.EIG(13), eig3.RK8()]
 
 
-@pytest.mark.parametrize("method", [*(eig3.EIG(grade) for grade in STEADY_GRADES), "rk8", "bm6"], ids=name_of)
+@pytest.mark.parametrize("method", [eig3.EIG(5), eig3.EIG(8), eig3.RK8(), eig3.BM6()], ids=name_of)
 def test_undamped_limits_of_the_family(method):
     """A growth of 1e-8 a step is round-off of the differences: in grade 8 it is that of 5e-5 beyond the limit."""
-    for omega in (1e-3, 7.0):
-        found = critical_step(oscillator, 1.0, 0.0, (omega, 0.0), method=method)
-        record = method if isinstance(method, eig3.Method) else eig3.METHODS[method]()
-        expected = limit(record.without_velocity()) / omega
-        assert found.limit == pytest.approx(expected, rel=1e-3 if method == eig3.EIG(8) else 1e-6)
-        assert found.omega_max == pytest.approx(omega, rel=1e-6)
+    found = critical_step(oscillator, 1.0, 0.0, (7.0, 0.0), method=method)
+    expected = limit(method.without_velocity()) / 7
+    assert found.limit == pytest.approx(expected, rel=1e-3 if method == eig3.EIG(8) else 1e-6)
+    assert found.omega_max == pytest.approx(7, rel=1e-6)
 
 
 @pytest.mark.parametrize("method", FAMILY, ids=name_of)
@@ -383,15 +372,14 @@ def test_damped_limits_of_the_family(method):
         assert found.limit == pytest.approx(limit(method, xi) / 7, rel=1e-5)
 
 
-@pytest.mark.parametrize(("grade", "rate"), [(6, "3 Omega^6/80"), (10, "0.03157 Omega^10")])
-def test_a_weakly_growing_grade_names_its_rate_and_a_practical_step(grade, rate):
-    method = eig3.EIG(grade)
+def test_a_weakly_growing_grade_names_its_rate_and_a_practical_step():
+    method = eig3.EIG(6)
     with pytest.raises(NoCriticalStepError) as caught:
         critical_step(oscillator, 1.0, 0.0, (4.0, 0.0), method=method)
     found = re.search(
         r"by less than 1e-5 a step up to h = ([\d.]+) \(by (.*), where Omega = omega h\);", str(caught.value)
     )
-    assert found[2] == rate
+    assert found[2] == "3 Omega^6/80"
     assert float(found[1]) == pytest.approx(practical_limit(method) / 4, rel=1e-3)  # four digits
     assert "EIG(grade=" in str(caught.value)
     assert str(caught.value).endswith(
@@ -446,7 +434,7 @@ def test_eig_of_a_gyroscope(grade):
 
 
 def test_only_runge_kutta_sees_rates():
-    assert [method for method in FAMILY if _sees_rates(method)] == [eig3.RK5(), eig3.RK8()]
+    assert [method for method in FAMILY if _sees_rates(method)] == [eig3.RK8()]
 
 
 def test_a_projected_step_has_the_limit_of_all_directions(monkeypatch):
@@ -613,11 +601,10 @@ def beam(elements, inertia):
     return K[np.ix_(free, free)]
 
 
-@pytest.mark.parametrize("inertia", [1e-1, 1e-2, 1e-3])
 @pytest.mark.parametrize(("mass", "stiffness"), [(0.0, 0.0), (1e-4, 0.0), (0.0, 0.1), (0.05, 0.05)])
-def test_a_beam_in_metres_and_radians(inertia, mass, stiffness):
+def test_a_beam_in_metres_and_radians(mass, stiffness):
     """Damping proportional to mass and to stiffness, by its ratios at the highest frequency."""
-    K = beam(100, inertia)
+    K = beam(100, inertia=1e-3)
     highest = math.sqrt(np.linalg.eigvals(K).real.max())
     C = 2 * mass * highest * np.eye(len(K)) + 2 * stiffness / highest * K
     for method in (eig3.EIG3(), eig3.RK4(), LAGGED):
@@ -637,8 +624,8 @@ def test_the_reported_mode_is_the_one_that_limits():
 # What it costs -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["undamped", "modal", "full", "local"])
-@pytest.mark.parametrize("n", [1, 3, 64, 65, 150])
+@pytest.mark.parametrize("kind", ["undamped", "modal", "full"])
+@pytest.mark.parametrize("n", [1, 64, 65, 150])
 def test_evaluations_are_those_made(kind, n):
     K, C = system(kind, n)
     calls = []
@@ -784,7 +771,7 @@ def atoms(distance, speed=0.0):
     """Two atoms of 1 kg with the units of the force between them, which approach each other at twice the speed."""
     scene = Scene(dimension=3)
     pair = scene.mass(1.0, [[0.0, 0.0, 0.0], [distance, 0.0, 0.0]], [[speed, 0.0, 0.0], [-speed, 0.0, 0.0]])
-    scene.add(LennardJones(1.0, 1.0, reach=2.5), pair)
+    scene.add(LennardJones(1.0, 1.0, cutoff=2.5), pair)
     return scene.problem((0.0, 10.0))
 
 
@@ -830,7 +817,10 @@ def test_argon_has_the_step_of_its_collisions():
 def test_grains_have_the_step_of_their_hardest_contact():
     """Two spheres of 1 kg with Hertz's contact: m v^2 = 2/5 k d^(5/2), and a stiffness of 3/2 k sqrt(d)."""
     scene = Scene(dimension=2)
-    scene.add(MassContact(stiffness=1e6, reach=0.1), scene.mass(1.0, [[0.0, 0.0], [1.0, 0.0]], [[1.0, 0], [-1.0, 0]]))
+    scene.add(
+        HertzContact(stiffness=1e6, contact_distance=0.1),
+        scene.mass(1.0, [[0.0, 0.0], [1.0, 0.0]], [[1.0, 0], [-1.0, 0]]),
+    )
     depth = (2.5 / 1e6) ** 0.4
     found = scene.problem((0.0, 2.0)).critical_step(method="cd")
     assert found.limit == pytest.approx(2 / math.sqrt(2 * 1.5e6 * math.sqrt(depth)), rel=0.02)
@@ -857,7 +847,7 @@ def test_grains_have_springs_along_their_surfaces():
 
 def test_what_nothing_keeps_apart_has_the_step_of_the_start():
     scene = Scene(dimension=1)
-    scene.add(Coulomb(-1.0, reach=10.0), scene.mass(1.0, [0.0]), scene.mass(1.0, [1.0]))
+    scene.add(Coulomb(-1.0, cutoff=10.0), scene.mass(1.0, [0.0]), scene.mass(1.0, [1.0]))
     problem = scene.problem((0.0, 1.0))
     assert problem.ahead(0.0) is None
     with pytest.raises(NoCriticalStepError, match="limits the step"):

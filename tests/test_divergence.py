@@ -9,11 +9,11 @@ import pytest
 
 import eig3
 from eig3 import integrate, problems
-from eig3.effects import HarmonicForce, LinearDamper, LinearSpring, MassContact
+from eig3.effects import HarmonicForce, HertzContact, LinearDamper, LinearSpring
 from eig3.scene import Scene
 from eig3.stability import limit, practical_limit, spectral_radius
 
-from .conftest import gyroscope, hardening, oscillator, oscillator_vector
+from .conftest import gyroscope, hardening, harmonic_vector, oscillator, oscillator_vector
 
 CD = eig3.CentralDifference(velocity="none")
 OMEGA = 3.0
@@ -38,35 +38,26 @@ def tried_step_holds(run, rhs, u0, v0, params):
 # Linear systems ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("rhs", "u0"), [(oscillator, 1.0), (oscillator_vector, [1.0, 2.0])], ids=["scalar", "vector"])
 @pytest.mark.parametrize(
-    ("method", "xi", "h"),
+    ("u0", "method", "xi", "h"),
     [
-        (eig3.EIG3(), 0.0, 0.7),
-        (eig3.EIG3(), 0.1, 0.6),
-        (eig3.EIG3(1.2), 0.0, 0.6),
-        (CD, 0.0, 0.7),
-        (eig3.CentralDifference(), 0.0, 0.7),
-        (eig3.CentralDifference(), 0.1, 0.7),
-        (eig3.CentralDifference(velocity="lagged"), 0.1, 0.7),
-        (eig3.RK3(), 0.05, 0.8),
-        (eig3.RK4(), 0.0, 1.0),
-        (eig3.AB3(), 0.0, 0.3),
-        (eig3.RK2(), 0.2, 0.7),
-        (eig3.EIG(5), 0.0, 0.6),
-        (eig3.EIG(5), 0.1, 0.4),
-        (eig3.EIG(7), 0.1, 0.15),
-        (eig3.EIG(9), 0.0, 0.2),
-        (eig3.EIG(9), 0.1, 0.05),
-        (eig3.EIG(13), 0.0, 0.05),
-        (eig3.RK5(), 0.1, 1.0),
-        (eig3.RK8(), 0.0, 2.2),
-        (eig3.BM6(), 0.0, 4.0),
+        (1.0, eig3.EIG3(), 0.0, 0.7),
+        (1.0, eig3.CentralDifference(), 0.1, 0.7),
+        (1.0, eig3.RK4(), 0.0, 1.0),
+        ([1.0, 2.0], eig3.EIG3(), 0.1, 0.6),
+        ([1.0, 2.0], CD, 0.0, 0.7),
+        ([1.0, 2.0], eig3.CentralDifference(velocity="lagged"), 0.1, 0.7),
+        ([1.0, 2.0], eig3.AB3(), 0.0, 0.3),
+        ([1.0, 2.0], eig3.RK2(), 0.2, 0.7),
+        ([1.0, 2.0], eig3.EIG(5), 0.1, 0.4),
+        ([1.0, 2.0], eig3.EIG(9), 0.0, 0.2),
+        ([1.0, 2.0], eig3.RK8(), 0.0, 2.2),
+        ([1.0, 2.0], eig3.BM6(), 0.0, 4.0),
     ],
     ids=lambda value: repr(value).partition(", jacobian")[0],
 )
-def test_a_linear_run_names_its_limit_and_a_stable_step(rhs, u0, method, xi, h):
-    v0 = np.zeros_like(u0)
+def test_a_linear_run_names_its_limit_and_a_stable_step(u0, method, xi, h):
+    rhs, v0 = oscillator_vector if np.ndim(u0) else oscillator, np.zeros_like(u0)
     run = integrate(rhs, (0, 1e5 * h), u0, v0, h=h, params=(OMEGA, xi), method=method)
     assert run.status is eig3.Status.DIVERGED
     assert np.isfinite(run.u).all()
@@ -123,10 +114,9 @@ def test_eig3_on_a_gyroscope_is_sent_to_others():
     assert run.explain().endswith("such as 'eig5', 'cd', 'rk4'.")
 
 
-@pytest.mark.parametrize(("method", "Omega"), [(eig3.EIG(6), 0.9), (eig3.EIG(7), 0.75)], ids=["eig6", "eig7"])
-def test_a_blow_up_by_weak_growth_is_named(method, Omega):
+def test_a_blow_up_by_weak_growth_is_named():
     """The step is below the one at which a root is -1, so that only the weak growth is left."""
-    h = Omega / OMEGA
+    method, h = eig3.EIG(6), 0.9 / OMEGA
     run = integrate(oscillator, (0, 30_000 * h), 1.0, 0.0, h=h, params=(OMEGA, 0.0), method=method)
     assert run.status is eig3.Status.DIVERGED
     text = run.explain()
@@ -143,10 +133,9 @@ def test_a_blow_up_by_weak_growth_is_named(method, Omega):
     assert np.abs(again.u).max() == pytest.approx(math.exp(1e-5 * again.n_steps), rel=0.02)
 
 
-@pytest.mark.parametrize("grade", [6, 11])
-def test_a_growth_that_is_negligible_ends_no_run(grade):
+def test_a_growth_that_is_negligible_ends_no_run():
     """The energy grows by twice the growth of the motion. The note has two digits."""
-    Omega, method = 0.2, eig3.EIG(grade)
+    Omega, method = 0.2, eig3.EIG(6)
     run = problems.single_dof().integrate(h=Omega / 4, method=method, save_every=None)
     expected = 2 * (spectral_radius(method, Omega) - 1) * run.n_steps
     assert math.log1p(noted_growth(run)) == pytest.approx(expected, rel=0.06)
@@ -259,8 +248,7 @@ def noted_growth(run, name="energy"):
     return float(percent[1]) / 100 if percent else said(r"to ([\d.e+]+) times its size", note) - 1
 
 
-@pytest.mark.parametrize("save_every", [1, 50, None])
-@pytest.mark.parametrize("h", [0.004, 0.01, 0.03, 0.05])
+@pytest.mark.parametrize(("h", "save_every"), [(0.004, None), (0.01, 1), (0.03, 50), (0.05, None)])
 @pytest.mark.parametrize(("method", "rate"), [("rk2", 1 / 4), ("ab2", 1 / 2)])
 def test_slow_growth_is_noted_with_its_size(method, rate, h, save_every):
     """Energy grows by (1 + Omega^4 / 4)^N with RK2 and, up to terms of order Omega^6, by its square with AB2.
@@ -313,13 +301,7 @@ def test_growth_on_the_softening_spring_is_noted(method):
 # A force that reads the velocity, and high grades ---------------------------------------------------------------------
 
 
-@eig3.jit
-def undamped_vector(t, u, v, p, a):
-    for j in range(u.size):
-        a[j] = -u[j]
-
-
-@pytest.mark.parametrize("grade", [5, 8, 13])
+@pytest.mark.parametrize("grade", [5, 8])
 def test_a_high_grade_with_a_force_that_reads_the_velocity_is_noted(grade):
     """With the limit of the closed form, 0.114 for grade 9; not with a force that ignores the velocity."""
     method = eig3.EIG(grade)
@@ -332,7 +314,7 @@ def test_a_high_grade_with_a_force_that_reads_the_velocity_is_noted(grade):
         assert note.endswith("; take RK8 or a grade of 5 to 7.")
     else:
         assert run.notes == ()
-    assert integrate(undamped_vector, (0, 1), [1.0], [0.0], h=1e-3, method=method).notes == ()
+    assert integrate(harmonic_vector, (0, 1), [1.0], [0.0], h=1e-3, method=method).notes == ()
 
 
 QUIET = {
@@ -344,7 +326,7 @@ QUIET = {
 
 
 @pytest.mark.parametrize("problem", QUIET)
-@pytest.mark.parametrize("method", ["eig3", "cd", "rk3", "rk4"])
+@pytest.mark.parametrize("method", ["eig3", "cd", "rk4"])
 def test_what_does_not_grow_is_not_noted(problem, method):
     build, steps, t_end = QUIET[problem]
     for h in steps:
@@ -413,7 +395,7 @@ def forced_from_rest(damping):
     """A mass of 1 kg on a spring of 100 N/m, whose energy is zero at the start, with a force at resonance."""
     scene = Scene(dimension=1)
     wall, mass = scene.fixed((0.0,)), scene.mass(1.0, (1.0,))
-    scene.add(LinearSpring(stiffness=100.0, length=1.0), wall, mass)
+    scene.add(LinearSpring(stiffness=100.0, rest_length=1.0), wall, mass)
     scene.add(HarmonicForce((10.0,), 10.0, -np.pi / 2), mass)
     if damping:
         scene.add(LinearDamper(damping=damping), wall, mass)
@@ -427,7 +409,7 @@ def forced_from_rest(damping):
 def test_a_small_part_of_the_work_is_no_growth(damping, method, relative, save_every):
     """The energy less the work is zero at the start, and the errors of the work add up: they are small beside it."""
     run = forced_from_rest(damping).integrate(h=0.005, method=method, save_every=save_every)
-    assert 0 < run.drift["energy"] < relative * np.abs(run.integrals["work"]).max()
+    assert 0 < run.drift["energy"] < relative * np.abs(run.quadratures["work"]).max()
     assert run.notes == ()
 
 
@@ -439,7 +421,7 @@ def test_energy_that_a_method_adds_to_a_forced_motion_is_noted():
     grown = said(
         r"energy less the work grows steadily, by ([\d.e+]+) % of the larger of the two over the run: RK2\(\) ", note
     )
-    assert grown == pytest.approx(100 * run.drift["energy"] / np.abs(run.integrals["work"]).max(), rel=0.1)
+    assert grown == pytest.approx(100 * run.drift["energy"] / np.abs(run.quadratures["work"]).max(), rel=0.1)
     first = forced_from_rest(0.5).integrate(h=0.02, method="rk2", t_end=30.0)
     assert first.extend(60.0).notes == run.notes
 
@@ -479,7 +461,7 @@ def test_the_step_that_is_named_is_shorter_than_the_one_that_failed():
     """If a contact closes during the run, the critical step at the start is longer than the step that fails."""
     scene = Scene(1)
     balls = scene.mass(0.1, [-0.11, 0.0, 0.1, 0.2, 0.3], [1.0, 0.0, 0.0, 0.0, 0.0])
-    scene.add(MassContact(1e9, 0.1), balls[:-1], balls[1:])
+    scene.add(HertzContact(1e9, 0.1), balls[:-1], balls[1:])
     problem = scene.problem((0.0, 0.05))
     run = problem.integrate(h=1e-3)
     assert run.status is eig3.Status.DIVERGED

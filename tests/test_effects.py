@@ -17,9 +17,9 @@ from eig3.effects import (
     CoulombFriction,
     Gravity,
     HardeningSpring,
+    HertzContact,
     LinearDamper,
     LinearSpring,
-    MassContact,
     MassImpact,
     Motor,
     PlaneContact,
@@ -35,7 +35,7 @@ from eig3.problems.hertz_impact import contact_time
 from eig3.scene import Scene
 from eig3.scene.names import words
 
-from .conftest import ROOT, acceleration, shaken
+from .conftest import ROOT, acceleration, refusals, shaken
 
 
 def unit(dimension):
@@ -54,7 +54,7 @@ def running_in_space(t):
 
 def rows_of_the_table():
     """The effects of the README's table, as they stand there."""
-    names = {**vars(effects), "motion": shaken, "torque": running, "length": shaken}
+    names = {**vars(effects), "motion": shaken, "torque": running, "distance": shaken}
     rows = re.findall(r"^\| `(\w+\(.*?\))` ", (ROOT / "eig3/scene/README.md").read_text(), flags=re.MULTILINE)
     return [eval(row, names) for row in rows]
 
@@ -69,15 +69,15 @@ def in_dimension(effect, d):
     return dataclasses.replace(effect, **changed)
 
 
-ELSEWHERE = effects.Cell | effects.Constraint | effects.Rough  # these have tests in other files
+ELSEWHERE = effects.Cell | effects.Constraint | effects.FrictionalContact  # these have tests in other files
 OTHER_FORMS = {
     "linear spring without length": lambda d: LinearSpring(50.0),
     "damped plane contact": lambda d: PlaneContact(400.0, unit(d), 1.4, damping=0.1),
     "rough plane contact": lambda d: PlaneContact(400.0, unit(d), 1.4, friction=0.3),
     "damped rough plane contact": lambda d: PlaneContact(400.0, unit(d), 1.4, damping=0.1, friction=0.3),
-    "damped mass contact": lambda d: MassContact(400.0, 1.4 + 0.3 * d, damping=0.1),
+    "damped hertz contact": lambda d: HertzContact(400.0, 1.4 + 0.3 * d, damping=0.1),
     "damped cable": lambda d: Cable(50.0, 0.8, 2.0),
-    "damped coulomb": lambda d: Coulomb(2.0, 4.0, damping=0.5),
+    "damped coulomb": lambda d: Coulomb(2.0, 0.5, 4.0),
     "friction on a plane": lambda d: CoulombFriction(0.3, 9.81, 0.05, unit(d)),
     "motor": lambda d: Motor(running if d == 2 else running_in_space),
 }
@@ -133,7 +133,7 @@ def test_the_table_has_a_row_for_every_effect():
 def test_a_force_is_minus_the_gradient_of_its_potential(name, dimension):
     """By central differences; their error is some 1e-9 of the largest second derivative here.
 
-    Python runs the code of the scene. The next two tests compile the force, and the last one the energy.
+    Python runs the code of the scene here and in the next test. The one after it compiles the force and the energy.
     """
     has_potential = "potential" in CATALOGUE[name](dimension).functions()
     problem = scene_with(name, dimension, work=has_potential)
@@ -156,10 +156,8 @@ def test_a_force_is_minus_the_gradient_of_its_potential(name, dimension):
 @pytest.mark.parametrize(("name", "dimension"), CASES)
 def test_the_force_depends_on_the_velocity_if_the_effect_reads_it(name, dimension):
     problem = scene_with(name, dimension)
-    # The next test compiles the forces in a plane, and other links in a line and in space differ in their tension only.
     # Python does not run the forces of rigid bodies, which have reactions.
-    other_link = isinstance(CATALOGUE[name](dimension), effects.Link) and name != "linear spring"
-    rhs = problem.rhs.py_func if (dimension == 2 or other_link) and not problem.outputs else problem.rhs
+    rhs = problem.rhs if problem.outputs else problem.rhs.py_func
     moving, other = (acceleration(problem, problem.u0, v, rhs=rhs) for v in (problem.v0, problem.v0 + 1.0))
     assert (moving != other).any() == problem.uses_velocity
 
@@ -178,7 +176,7 @@ def test_the_change_of_energy_is_the_work_done(name):
 
 @pytest.mark.parametrize("name", ["linear damper", "quadratic drag", "coulomb friction", "friction on a plane"])
 def test_what_dissipates_only_takes_energy(name):
-    work = scene_with(name, 2, work=True).integrate(h=1e-4, method="rk4").integrals["work"]
+    work = scene_with(name, 2, work=True).integrate(h=1e-4, method="rk4").quadratures["work"]
     assert work[-1] < -0.01
     assert (np.diff(work) <= 1e-15).all()
 
@@ -204,7 +202,7 @@ def test_a_straight_line_seen_from_a_rotating_frame(dimension):
     scene.add(RotatingFrame(rate[-1] if dimension == 2 else rate))
     problem = scene.problem((0.0, 5.0))
     exact = Rotation.from_rotvec(-5.0 * rate).apply(x0 + 5.0 * v0)[:dimension]
-    errors = [np.abs(ball.of(problem.integrate(h=h).u[-1]) - exact).max() for h in (0.01, 0.005)]
+    errors = [np.abs(ball.positions(problem.integrate(h=h).u[-1]) - exact).max() for h in (0.01, 0.005)]
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
     assert errors[1] < 1e-3
     drifts = [problem.integrate(h=h).drift["energy"] for h in (0.01, 0.005)]
@@ -217,13 +215,13 @@ def test_two_balls_part_after_hertz_contact_time():
     reduced = m.prod() / m.sum()
     scene = Scene(1)
     balls = scene.mass(m, [0.0, 0.1], [speed, 0.0])
-    scene.add(MassContact(k, 0.1), *balls)
+    scene.add(HertzContact(k, 0.1), *balls)
     time = contact_time(k / reduced, speed)
     solution = scene.problem((0.0, 2 * time)).integrate(h=h)
-    gap = np.diff(balls.of(solution.u))[:, 0] - 0.1
+    gap = np.diff(balls.positions(solution.u))[:, 0] - 0.1
     parted = solution.t[np.flatnonzero(gap < 0)[-1]]
     assert parted == pytest.approx(time, abs=2 * h)
-    rate = np.diff(balls.of(solution.v))[:, 0]
+    rate = np.diff(balls.velocities(solution.v))[:, 0]
     assert rate[-1] / speed == pytest.approx(1, abs=1e-6)
 
 
@@ -233,8 +231,8 @@ def test_a_damped_contact_takes_energy_and_never_pulls():
     scene.add(PlaneContact(1e6, 1.0, damping=0.3))
     problem = scene.problem((0.0, 0.02))
     solution = problem.integrate(h=1e-6, method="rk4")
-    assert (np.diff(ball.of(solution.v)) >= 0).all()  # pushed away from the plane throughout
-    assert 0.3 < ball.of(solution.v)[-1] / 2.0 < 0.9
+    assert (np.diff(ball.velocities(solution.v)) >= 0).all()  # pushed away from the plane throughout
+    assert 0.3 < ball.velocities(solution.v)[-1] / 2.0 < 0.9
 
 
 @pytest.mark.parametrize("times", [np.linspace(0.0, 2.0, 21), np.sort(np.random.default_rng(3).uniform(0, 2, 40))])
@@ -314,12 +312,12 @@ def test_friction_at_high_speed_is_its_limit():
     """A sliding mass loses speed at the rate coefficient load / m while its speed is far above slip."""
     scene = Scene(2)
     scene.mass(2.0, (0.0, 0.0), (3.0, 4.0))
-    scene.add(CoulombFriction(0.5, 2.0 * 9.81, slip=1e-4))
+    scene.add(CoulombFriction(0.5, 2.0 * 9.81, regularization_speed=1e-4))
     solution = scene.problem((0.0, 0.5)).integrate(h=1e-4)
     assert np.hypot(*solution.v[-1]) == pytest.approx(5 - 0.5 * 9.81 * 0.5, rel=1e-6)
     scene = Scene(2)
     scene.mass(2.0, (0.0, 0.0), (3.0, 4.0))
-    scene.add(CoulombFriction(0.5, 2.0 * 9.81, slip=1e-4, normal=(0.0, 1.0)))
+    scene.add(CoulombFriction(0.5, 2.0 * 9.81, regularization_speed=1e-4, normal=(0.0, 1.0)))
     problem = scene.problem((0.0, 0.5))
     a = acceleration(problem, problem.u0, problem.v0, rhs=problem.rhs.py_func)
     assert a == pytest.approx([-0.5 * 9.81, 0.0], rel=1e-6)  # along the plane only
@@ -334,54 +332,43 @@ def test_a_block_slides_down_a_rough_slope(dimension):
     field = 9.81 * (math.sin(slope) * down - math.cos(slope) * up)
     scene = Scene(dimension)
     block = scene.mass(2.0, -((2.0 * 9.81 * math.cos(slope) / 1e6) ** (2 / 3)) * up)
-    scene.add(PlaneContact(1e6, up, damping=1.0, friction=friction, slip=1e-4))
+    scene.add(PlaneContact(1e6, up, damping=1.0, friction=friction, regularization_speed=1e-4))
     scene.add(Gravity(field))
     solution = scene.problem((0.0, 1.0)).integrate(h=1e-5, save_every=1000)
-    speed = block.of(solution.v) @ down
+    speed = block.velocities(solution.v) @ down
     rate = (speed[-1] - speed[50]) / (solution.t[-1] - solution.t[50])
     assert rate == pytest.approx(9.81 * (math.sin(slope) - friction * math.cos(slope)), rel=1e-6)
     flying = Scene(dimension)
     ball = flying.mass(2.0, up, down)
     flying.add(PlaneContact(1e6, up, friction=friction))
-    assert ball.of(flying.problem((0.0, 1.0)).integrate(h=1e-3).v[-1]) == pytest.approx(down)
+    assert ball.positions(flying.problem((0.0, 1.0)).integrate(h=1e-3).v[-1]) == pytest.approx(down)
 
 
-WRONG = {
-    "a negative stiffness": (lambda: LinearSpring(-1.0), ValueError, "stiffness of LinearSpring must not be negative."),
-    "one of many": (lambda: LinearSpring([2.0, -1.0]), ValueError, "stiffness of LinearSpring must not be negative."),
-    "a negative length": (lambda: LinearSpring(1.0, -1.0), ValueError, "length of LinearSpring must not be negative."),
-    "a negative damping": (lambda: LinearDamper(-1.0), ValueError, "damping of LinearDamper must not be negative."),
-    "a negative drag": (lambda: QuadraticDrag(-1.0), ValueError, "drag of QuadraticDrag must not be negative."),
-    "a negative contact": (lambda: MassContact(-1.0, 1.0), ValueError, "stiffness of MassContact must not be"),
-    "a negative reach": (lambda: MassContact(1.0, -1.0), ValueError, "reach of MassContact must not be negative."),
-    "a negative plane": (lambda: PlaneContact(-1.0, 1.0), ValueError, "stiffness of PlaneContact must not be"),
-    "a negative friction": (lambda: CoulombFriction(-0.1, 1.0), ValueError, "coefficient of CoulombFriction must not"),
-    "a negative S1": (lambda: HardeningSpring(-1.0, 1.0), ValueError, "S1 of HardeningSpring must not be negative."),
-    "a negative S": (lambda: SofteningSpring(-1.0), ValueError, "S of SofteningSpring must not be negative."),
-    "no width": (lambda: SofteningSpring(1.0, 0.0), ValueError, "width of SofteningSpring must be positive."),
-    "a string": (lambda: LinearSpring("soft"), TypeError, "stiffness of LinearSpring must be made of real numbers"),
-    "strings": (lambda: Gravity(("0", "-9.81")), TypeError, "field of Gravity must be made of real numbers"),
-    "a string in a record": (
-        lambda: SampledAcceleration([0, 1], ["a", "b"]),
-        TypeError,
-        "values of SampledAcceleration must be made of real numbers",
-    ),
-    "a negative restitution": (lambda: RigidStop(1.0, 0.0, -0.1), ValueError, "restitution of RigidStop must not be"),
-    "a restitution above 1": (
-        lambda: MassImpact(0.0, 1.1),
-        ValueError,
-        "restitution of MassImpact must not be above 1.",
-    ),
-    "no slow speed": (lambda: MassImpact(0.0, 1.0, 0.0), ValueError, "slow of MassImpact must be positive."),
-    "a long normal": (lambda: RigidStop((1.0, 1.0)), ValueError, "normal of RigidStop must be a unit vector."),
-    "a negative strength": (lambda: BreakingString(1.0, 1.0, -1.0), ValueError, "strength of BreakingString must not"),
-    "NaN": (lambda: LinearDamper(math.nan), ValueError, "damping of LinearDamper must be finite."),
+BAD_VALUES = {
+    "stiffness of LinearSpring must not be negative.": lambda: LinearSpring(-1.0),
+    "stiffness of LinearSpring must not be": lambda: LinearSpring([2.0, -1.0]),
+    "rest_length of LinearSpring must not be negative.": lambda: LinearSpring(1.0, -1.0),
+    "damping of LinearDamper must not be negative.": lambda: LinearDamper(-1.0),
+    "drag of QuadraticDrag must not be negative.": lambda: QuadraticDrag(-1.0),
+    "stiffness of HertzContact must not be": lambda: HertzContact(-1.0, 1.0),
+    "contact_distance of HertzContact must not be negative.": lambda: HertzContact(1.0, -1.0),
+    "stiffness of PlaneContact must not be": lambda: PlaneContact(-1.0, 1.0),
+    "mu of CoulombFriction must not": lambda: CoulombFriction(-0.1, 1.0),
+    "stiffness of HardeningSpring must not be negative.": lambda: HardeningSpring(-1.0, 1.0),
+    "stiffness of SofteningSpring must not be negative.": lambda: SofteningSpring(-1.0),
+    "saturation of SofteningSpring must be positive.": lambda: SofteningSpring(1.0, 0.0),
+    "restitution of RigidStop must not be": lambda: RigidStop(1.0, 0.0, -0.1),
+    "restitution of MassImpact must not be above 1.": lambda: MassImpact(0.0, 1.1),
+    "rest_speed of MassImpact must be positive.": lambda: MassImpact(0.0, 1.0, 0.0),
+    "normal of RigidStop must be a unit vector.": lambda: RigidStop((1.0, 1.0)),
+    "strength of BreakingString must not": lambda: BreakingString(1.0, 1.0, -1.0),
+    "damping of LinearDamper must be finite.": lambda: LinearDamper(math.nan),
+}
+BAD_TYPES = {
+    "stiffness of LinearSpring must be made of real numbers": lambda: LinearSpring("soft"),
+    "field of Gravity must be made of real numbers": lambda: Gravity(("0", "-9.81")),
+    "values of SampledAcceleration must be made of real numbers": lambda: SampledAcceleration([0, 1], ["a", "b"]),
 }
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_wrong_parameters_are_refused_when_the_effect_is_made(name):
-    build, error, sentence = WRONG[name]
-    with pytest.raises(error, match=sentence) as caught:
-        build()
-    assert "\n" not in str(caught.value)
+test_bad_parameters = refusals(BAD_VALUES, BAD_TYPES)

@@ -16,6 +16,7 @@ from eig3.ensembles import in_process, lanewise, run
 from eig3.kernels.lanes import Layout, compile_rhs
 from eig3.kernels.protocol import SCALAR, VECTOR
 
+from .conftest import above_level, linear_spring
 from .test_prepare import python_calls
 
 # Both sums are computed from the same formulas, but the compiler may fuse other multiply-adds for lanes: each step then
@@ -26,11 +27,6 @@ ROUND_OFF = 1e-11
 @eig3.jit
 def duffing(t, u, v, p):
     return p[3] * eig3.math.cos(p[4] * t) - u * (p[0] + p[1] * u * u) - p[2] * v
-
-
-@eig3.jit
-def spring(t, u, v, p):
-    return -p[0] * u
 
 
 @eig3.jit
@@ -230,10 +226,10 @@ def test_a_member_that_diverges_ends_at_its_finite_part(own_step):
     u0, v0 = start(m)
     h = np.full(m, 0.01) if own_step else 0.01
     options = {"save_every": 20, "invariants": {"energy": spring_energy}}
-    solution = eig3.ensemble(spring, (0, 5), u0, v0, h=h, params=p, **options)
+    solution = eig3.ensemble(linear_spring, (0, 5), u0, v0, h=h, params=p, **options)
     np.testing.assert_array_equal(np.flatnonzero(~solution.success), [3, 70])
     for i in (3, 70):
-        alone = eig3.integrate(spring, (0, 5), u0[i], v0[i], h=0.01, params=p[i], **options)
+        alone = eig3.integrate(linear_spring, (0, 5), u0[i], v0[i], h=0.01, params=p[i], **options)
         member = solution[i]
         assert_alone(member, alone)
         assert member.drift == pytest.approx(alone.drift)
@@ -242,7 +238,7 @@ def test_a_member_that_diverges_ends_at_its_finite_part(own_step):
         assert "critical step" in member.explain()
     others = np.flatnonzero(solution.success)
     healthy = eig3.ensemble(
-        spring, (0, 5), u0[others], v0[others], h=h[others] if own_step else h, params=p[others], **options
+        linear_spring, (0, 5), u0[others], v0[others], h=h[others] if own_step else h, params=p[others], **options
     )
     assert_same(solution, healthy, others)
 
@@ -263,8 +259,8 @@ def test_a_degree_of_freedom_that_diverges_is_named():
 def test_a_motion_that_stays_finite_but_grows_because_of_the_step_diverged():
     """omega h = 2.02: the motion grows by a factor of 1e25 and stays finite. With h/2 it does not grow."""
     p = np.array([[1.0], [2.02**2 / 0.01]])
-    solution = eig3.ensemble(spring, (0, 20), [1.0, 1.0], 0.0, h=0.1, params=p)
-    alone = eig3.integrate(spring, (0, 20), 1.0, 0.0, h=0.1, params=p[1])
+    solution = eig3.ensemble(linear_spring, (0, 20), [1.0, 1.0], 0.0, h=0.1, params=p)
+    alone = eig3.integrate(linear_spring, (0, 20), 1.0, 0.0, h=0.1, params=p[1])
     assert alone.status is eig3.Status.DIVERGED
     assert np.isfinite(alone.u).all()
     assert solution.status.tolist() == [eig3.Status.COMPLETED, eig3.Status.DIVERGED]
@@ -273,13 +269,16 @@ def test_a_motion_that_stays_finite_but_grows_because_of_the_step_diverged():
 
 
 def test_growth_from_rest_is_judged_from_the_middle_of_the_run():
-    """A member at rest without acceleration has no natural size at the start; growth for a physical reason is none."""
+    """A member at rest without acceleration has no natural size at the start; growth for a physical reason is none.
+
+    The step of the last member is a little above the critical one: it grows by 1e6 in all, but by 1e3 from the middle.
+    """
 
     @eig3.jit
     def pushed(t, u, v, p):
-        return p[0] * (1.0 if t > 1 else 0.0) + p[1] * u
+        return p[0] * (1.0 if t > 0.5 else 0.0) + p[1] * u
 
-    p = np.array([[1.0, -1.0], [1.0, 4.0], [0.0, -1.0]])
+    p = np.array([[1.0, -1.0], [1.0, 4.0], [0.0, -1.0], [1.0, -40000.476]])
     solution = eig3.ensemble(pushed, (0, 20), 0.0, 0.0, h=0.01, params=p)
     assert solution.success.all()
     assert abs(solution.u[1, -1]) > 1e10
@@ -325,7 +324,7 @@ def test_members_that_cannot_start_may_be_anywhere(method):
 
 def test_an_ensemble_without_a_member_that_can_start_is_checked():
     with pytest.raises(ValueError, match=r"reads beyond the end of p \(0 values\)"):
-        eig3.ensemble(spring, (0, 1), [1.0, 2.0], 0.0, h=0.1)
+        eig3.ensemble(linear_spring, (0, 1), [1.0, 2.0], 0.0, h=0.1)
 
 
 def test_each_member_can_have_its_own_step():
@@ -346,9 +345,9 @@ def test_each_member_can_have_its_own_step():
 
 
 def test_the_last_time_is_that_of_the_span():
-    solution = eig3.ensemble(spring, (0.1, 0.9), [1.0, 2.0], 0.0, h=[0.07, 0.05], params=1.0, save_every=3)
+    solution = eig3.ensemble(linear_spring, (0.1, 0.9), [1.0, 2.0], 0.0, h=[0.07, 0.05], params=1.0, save_every=3)
     assert [member.t[-1] for member in solution] == [0.9, 0.9]
-    assert eig3.ensemble(spring, (0.1, 0.9), [1.0, 2.0], 0.0, h=0.07, params=1.0).t.tolist() == [[0.1, 0.9]] * 2
+    assert eig3.ensemble(linear_spring, (0.1, 0.9), [1.0, 2.0], 0.0, h=0.07, params=1.0).t.tolist() == [[0.1, 0.9]] * 2
 
 
 def test_arguments_are_broadcast():
@@ -356,34 +355,34 @@ def test_arguments_are_broadcast():
     own = eig3.ensemble(springs, (0, 1), np.tile([1.0, 2.0], (3, 1)), [[0.0, 0.0]], h=0.01, params=[[4.0]])
     assert shared.u.shape == (3, 2, 2)
     assert_same(shared, own)
-    assert eig3.ensemble(spring, (0, 1), 1.0, 0.0, h=[0.1, 0.01], params=1.0).u.shape == (2, 2)
-    assert len(eig3.ensemble(spring, (0, 1), 1.0, 0.0, h=0.01, params=np.ones((5, 1)))) == 5
+    assert eig3.ensemble(linear_spring, (0, 1), 1.0, 0.0, h=[0.1, 0.01], params=1.0).u.shape == (2, 2)
+    assert len(eig3.ensemble(linear_spring, (0, 1), 1.0, 0.0, h=0.01, params=np.ones((5, 1)))) == 5
 
 
 @pytest.mark.parametrize(
     ("rhs", "changes", "message"),
     [
-        (spring, {"v0": np.zeros(4)}, r"u0 has the shape \(3,\) and v0 the shape \(4,\), but their first axes"),
-        (spring, {"params": np.ones((5, 1))}, r"u0 has the shape \(3,\) and params the shape \(5, 1\)"),
-        (spring, {"h": [0.1, 0.2]}, r"u0 has the shape \(3,\) and h the shape \(2,\)"),
+        (linear_spring, {"v0": np.zeros(4)}, r"u0 has the shape \(3,\) and v0 the shape \(4,\), but their first axes"),
+        (linear_spring, {"params": np.ones((5, 1))}, r"u0 has the shape \(3,\) and params the shape \(5, 1\)"),
+        (linear_spring, {"h": [0.1, 0.2]}, r"u0 has the shape \(3,\) and h the shape \(2,\)"),
         (springs, {"u0": np.ones((3, 2)), "v0": np.ones((3, 4))}, "their last axes are the degrees of freedom"),
         (springs, {"u0": 1.0}, r"u0 must have the shape \(n,\) or \(m, n\)"),
-        (spring, {"u0": np.ones((3, 2))}, r"u0 must have the shape \(\) or \(m,\)"),
-        (spring, {"params": np.ones((3, 1, 1))}, r"params must have the shape \(k,\) or \(m, k\)"),
-        (spring, {"params": [1.0, 2.0, 3.0]}, r"write params\[:, None\] for one parameter a member"),
-        (spring, {"u0": 1.0}, "must have a first axis of members"),
-        (spring, {"u0": []}, "u0 must hold at least one member"),
-        (spring, {"u0": [1.0, np.nan, 1.0]}, r"u0 must be finite, but u0\[1\] is not"),
-        (spring, {"h": -0.1}, "h must be a positive"),
-        (spring, {"h": [0.1, 0.0, 0.2]}, r"h must be a positive, .* not 0\.0"),
-        (spring, {"save_every": 0}, "save_every must be a whole number"),
-        (spring, {"threads": 0}, "threads must be a whole number"),
-        (spring, {"t_span": (1, 0)}, "t_span must end after it starts"),
-        (spring, {"method": "rk9"}, "method must be one of"),
+        (linear_spring, {"u0": np.ones((3, 2))}, r"u0 must have the shape \(\) or \(m,\)"),
+        (linear_spring, {"params": np.ones((3, 1, 1))}, r"params must have the shape \(k,\) or \(m, k\)"),
+        (linear_spring, {"params": [1.0, 2.0, 3.0]}, r"write params\[:, None\] for one parameter a member"),
+        (linear_spring, {"u0": 1.0}, "must have a first axis of members"),
+        (linear_spring, {"u0": []}, "u0 must hold at least one member"),
+        (linear_spring, {"u0": [1.0, np.nan, 1.0]}, r"u0 must be finite, but u0\[1\] is not"),
+        (linear_spring, {"h": -0.1}, "h must be a positive"),
+        (linear_spring, {"h": [0.1, 0.0, 0.2]}, r"h must be a positive, .* not 0\.0"),
+        (linear_spring, {"save_every": 0}, "save_every must be a whole number"),
+        (linear_spring, {"threads": 0}, "threads must be a whole number"),
+        (linear_spring, {"t_span": (1, 0)}, "t_span must end after it starts"),
+        (linear_spring, {"method": "rk9"}, "method must be one of"),
     ],
 )
 def test_bad_arguments_are_refused_in_one_sentence(rhs, changes, message):
-    arguments = {"t_span": (0, 1), "u0": [1.0, 2.0, 3.0], "v0": 0.0 if rhs is spring else [0.0], "h": 0.1}
+    arguments = {"t_span": (0, 1), "u0": [1.0, 2.0, 3.0], "v0": 0.0 if rhs is linear_spring else [0.0], "h": 0.1}
     arguments |= {"params": 1.0, **changes}
     with pytest.raises(ValueError, match=message):
         eig3.ensemble(rhs, **arguments)
@@ -393,9 +392,9 @@ def test_functions_are_checked():
     with pytest.raises(TypeError, match="rhs must be compiled"):
         eig3.ensemble(lambda t, u, v, p: -u, (0, 1), [1.0, 2.0], 0.0, h=0.1)
     with pytest.raises(TypeError, match="invariants must be a dictionary"):
-        eig3.ensemble(spring, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=1.0, invariants=spring_energy)
+        eig3.ensemble(linear_spring, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=1.0, invariants=spring_energy)
     with pytest.raises(ValueError, match="reads beyond the end of p"):
-        eig3.ensemble(spring, (0, 1), [1.0, 2.0], 0.0, h=0.1)
+        eig3.ensemble(linear_spring, (0, 1), [1.0, 2.0], 0.0, h=0.1)
 
 
 def test_the_plain_njit_of_numba_is_vectorised_too():
@@ -454,7 +453,7 @@ def test_notes_say_why_a_function_is_not_vectorised():
 
 def test_a_function_is_compiled_once_for_a_shape(monkeypatch):
     compiled = []
-    monkeypatch.setattr(in_process, "compile_rhs", lambda *args: compiled.append(args) or compile_rhs(*args))
+    monkeypatch.setattr(lanewise, "compile_rhs", lambda *args: compiled.append(args) or compile_rhs(*args))
 
     @eig3.jit
     def rhs(t, u, v, p):
@@ -544,8 +543,8 @@ def test_members_that_run_alone_and_cannot_start_do_not_stop_the_others():
 
 
 def test_one_step_in_an_array_is_the_step_of_all():
-    one = eig3.ensemble(spring, (0, 1), np.ones(300), 0.0, h=[0.01], params=1.0)
-    assert_same(one, eig3.ensemble(spring, (0, 1), np.ones(300), 0.0, h=0.01, params=1.0))
+    one = eig3.ensemble(linear_spring, (0, 1), np.ones(300), 0.0, h=[0.01], params=1.0)
+    assert_same(one, eig3.ensemble(linear_spring, (0, 1), np.ones(300), 0.0, h=0.01, params=1.0))
 
 
 def test_overflow_gives_no_warnings():
@@ -555,7 +554,7 @@ def test_overflow_gives_no_warnings():
     def logarithm(t, u, v, p):
         return np.log(abs(u))
 
-    solution = eig3.ensemble(spring, (0, 3), [1.0, 0.0], 0.0, h=0.01, params=1.0, invariants={"e": logarithm})
+    solution = eig3.ensemble(linear_spring, (0, 3), [1.0, 0.0], 0.0, h=0.01, params=1.0, invariants={"e": logarithm})
     assert np.isnan(solution.drift["e"][1])
 
 
@@ -598,19 +597,19 @@ def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
     """The first 256 members, a block, are done when the signal comes; the last ones have not begun."""
     u0 = np.ones(600)
     options = {"h": 2.0**-10, "params": 1.0}
-    eig3.ensemble(spring, (0, 1), u0, 0.0, **options)
+    eig3.ensemble(linear_spring, (0, 1), u0, 0.0, **options)
     begin = in_process.Block.run
 
     def with_signal(block, stop):
         if block.numbers[0] == 256:
             threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
-            block.shared.members.n_steps.setflags(write=True)
-            block.shared.members.n_steps[:] = 2**40  # the other blocks do not end by themselves
+            block.histories.members.n_steps.setflags(write=True)
+            block.histories.members.n_steps[:] = 2**40  # the other blocks do not end by themselves
         begin(block, stop)
 
     monkeypatch.setattr(in_process.Block, "run", with_signal)
     with pytest.raises(KeyboardInterrupt) as raised:
-        eig3.ensemble(spring, (0, 1), u0, 0.0, threads=1, **{**options, "h": np.full(600, 2.0**-10)})
+        eig3.ensemble(linear_spring, (0, 1), u0, 0.0, threads=1, **{**options, "h": np.full(600, 2.0**-10)})
     solution = raised.value.solution
     assert solution.success[:256].all()
     assert set(solution.status[256:]) == {eig3.Status.INTERRUPTED}
@@ -623,7 +622,7 @@ def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
 
 @pytest.mark.usefixtures("python_handler")
 @pytest.mark.parametrize(
-    ("module", "name"), [(run, "check_members"), (in_process, "check_callback"), (in_process, "compile_rhs")]
+    ("module", "name"), [(run, "check_members"), (in_process, "check_callback"), (lanewise, "compile_rhs")]
 )
 def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch, module, name):
     """Before the first member begins, the arguments are checked and functions are compiled."""
@@ -655,21 +654,21 @@ def test_an_interrupt_after_the_last_step_comes_with_all_members(monkeypatch):
     for options in ({}, {"reduce": len}):
         monkeypatch.setattr(in_process.Run, "solution", with_signal)
         with pytest.raises(KeyboardInterrupt) as raised:
-            eig3.ensemble(spring, (0, 1), [1.0, 2.0], 0.0, h=0.01, params=1.0, **options)
+            eig3.ensemble(linear_spring, (0, 1), [1.0, 2.0], 0.0, h=0.01, params=1.0, **options)
         solution = raised.value.solution
         assert solution == [None] if options else solution.success.all()
 
 
 def test_progress_counts_members(capsys):
-    eig3.ensemble(spring, (0, 1), np.ones(300), 0.0, h=0.01, params=1.0, progress=True)
+    eig3.ensemble(linear_spring, (0, 1), np.ones(300), 0.0, h=0.01, params=1.0, progress=True)
     assert "300/300" in capsys.readouterr().err
-    eig3.ensemble(spring, (0, 1), np.ones(300), 0.0, h=0.01, params=1.0)
+    eig3.ensemble(linear_spring, (0, 1), np.ones(300), 0.0, h=0.01, params=1.0)
     assert capsys.readouterr().err == ""
 
 
 def test_members_are_solutions():
     u0, v0 = start(4)
-    solution = eig3.ensemble(spring, (0, 1), u0, v0, h=0.01, params=4.0, save_every=30)
+    solution = eig3.ensemble(linear_spring, (0, 1), u0, v0, h=0.01, params=4.0, save_every=30)
     assert len(solution) == 4
     assert [member.u[0] for member in solution] == u0.tolist()
     assert solution[-1].u[0] == u0[3]
@@ -699,8 +698,8 @@ def test_a_scene_follows_its_work_in_an_ensemble():
     solution = problem.ensemble(params=params, h=1e-3, save_every=100)
     alone = problem.integrate(h=1e-3, save_every=100)
     assert solution.u.shape == (3, 21, 3)
-    for name, values in alone.integrals.items():
-        np.testing.assert_allclose(solution[1].integrals[name], values, rtol=1e-9, atol=1e-9 * np.abs(values).max())
+    for name, values in alone.quadratures.items():
+        np.testing.assert_allclose(solution[1].quadratures[name], values, rtol=1e-9, atol=1e-9 * np.abs(values).max())
 
 
 def test_the_parameters_of_a_problem_are_shared_by_any_number_of_members():
@@ -721,24 +720,21 @@ def test_the_shape_of_a_start_is_checked_before_integrals_are_added():
 def test_histories_that_do_not_fit_are_refused(monkeypatch):
     monkeypatch.setattr(eig3.result.memory, "available_memory", lambda: 1e6)
     with pytest.raises(MemoryError, match="take a larger save_every, or reduce="):
-        eig3.ensemble(spring, (0, 1), np.ones(1000), 0.0, h=0.01, params=1.0, save_every=1)
+        eig3.ensemble(linear_spring, (0, 1), np.ones(1000), 0.0, h=0.01, params=1.0, save_every=1)
 
 
 @pytest.mark.parametrize(("steps", "most"), [({"h": 0.01}, 650), ({"rtol": 1e-6}, 800)])
 def test_an_ensemble_of_four_members_makes_few_python_calls(steps, most):
     """Some third of them are of NumPy: a call of an ensemble takes some tenths of a millisecond beside its steps."""
     params = np.ones((4, 1))
-    assert python_calls(lambda: eig3.ensemble(spring, (0, 10), 1.0, 0.0, params=params, threads=1, **steps)) <= most
+    assert (
+        python_calls(lambda: eig3.ensemble(linear_spring, (0, 10), 1.0, 0.0, params=params, threads=1, **steps)) <= most
+    )
 
 
 @eig3.jit
 def after_four(t, u, v, p):
     return t - 4.0
-
-
-@eig3.jit
-def above_bound(t, u, v, p):
-    return u - p[1]
 
 
 @eig3.jit
@@ -751,13 +747,13 @@ def two_springs(t, u, v, p, a):
     a[0], a[1] = -p[0] * u[0], -p[0] * u[1] + 0.1 * u[0]
 
 
-@pytest.mark.parametrize("options", [{}, {"save_every": 3}, {"method": "rk5", "save_every": 1}, {"method": "ab3"}])
+@pytest.mark.parametrize("options", [{}, {"save_every": 3}, {"method": "rk4", "save_every": 1}])
 @pytest.mark.parametrize("own_step", [False, True])
 def test_events_that_end_members_are_found_in_lanes(options, own_step):
     """Some members end before they diverge, and some at a step; a zero of g in the other direction ends none."""
     m = 140
     p = np.column_stack([np.where(np.arange(m) % 35 == 3, 1e5, np.linspace(1, 10, m)), np.linspace(-1.4, 1.4, m)])
-    scalar = spring, np.linspace(0.5, 1.5, m), np.zeros(m), eig3.Event(above_bound, direction=-1, terminal=True)
+    scalar = linear_spring, np.linspace(0.5, 1.5, m), np.zeros(m), eig3.Event(above_level, direction=-1, terminal=True)
     vector = two_springs, np.ones((m, 2)), np.zeros((m, 2)), eig3.Event(below_bound_of_two, terminal=True)
     for rhs, u0, v0, event in (scalar, vector):
         h = np.linspace(0.01, 0.02, m) if own_step else np.full(m, 0.02)
@@ -783,9 +779,9 @@ def test_events_that_end_members_are_found_in_lanes(options, own_step):
 
 def test_members_that_begin_at_the_zero_of_an_event_end_as_single_runs():
     """A look in lanes does not see the first change of sign of a g that is zero at the start."""
-    events = {"bound": eig3.Event(above_bound, -1, terminal=True), "late": eig3.Event(after_four, terminal=True)}
-    runs = eig3.ensemble(spring, (0, 5), 1.0, np.ones(70), h=0.02, params=[1.0, 1.0], events=events)
-    one = eig3.integrate(spring, (0, 5), 1.0, 1.0, h=0.02, params=[1.0, 1.0], events=events, save_every=None)
+    events = {"bound": eig3.Event(above_level, -1, terminal=True), "late": eig3.Event(after_four, terminal=True)}
+    runs = eig3.ensemble(linear_spring, (0, 5), 1.0, np.ones(70), h=0.02, params=[1.0, 1.0], events=events)
+    one = eig3.integrate(linear_spring, (0, 5), 1.0, 1.0, h=0.02, params=[1.0, 1.0], events=events, save_every=None)
     assert one.t[-1] == pytest.approx(np.pi / 2, rel=1e-3)
     for member in runs:
         assert (member.message, member.t[-1]) == (one.message, one.t[-1])

@@ -11,7 +11,7 @@ import pytest
 
 import eig3
 
-from .conftest import oscillator, velocity
+from .conftest import oscillator, position, velocity
 
 MEMBERS = 300
 PARAMS = np.column_stack([np.linspace(1.0, 4.0, MEMBERS), np.full(MEMBERS, 0.05)])
@@ -122,7 +122,7 @@ def test_first_passages_in_bounded_memory():
     """u = cos(omega t) passes zero first at pi / (2 omega), to the error of RK4: (omega h)^4 / 100 of the time."""
     omega = np.linspace(1.0, 4.0, 20_000)
     params = np.column_stack([omega, np.zeros_like(omega)])
-    events = {"zero": eig3.Event(position_of, terminal=True)}
+    events = {"zero": eig3.Event(position, terminal=True)}
 
     def first(part):
         return part.events["zero"].first
@@ -130,8 +130,3 @@ def test_first_passages_in_bounded_memory():
     found = eig3.ensemble(*START, h=0.01, method="rk4", params=params, events=events, reduce=first)
     assert len(found) == 79  # parts of 256 members
     np.testing.assert_allclose(np.concatenate(found), np.pi / 2 / omega, rtol=1e-7)
-
-
-@eig3.jit
-def position_of(t, u, v, p):
-    return u

@@ -20,7 +20,7 @@ from eig3.stepping.options import run_options
 from eig3.stepping.stepper import Stepper
 from eig3.stepping.system import System
 
-from .conftest import spring
+from .conftest import falling, first_position, position, spring, velocity
 
 FIXED = {"h": 1e-2, "method": "eig3"}
 ADAPTIVE = {"rtol": 1e-6, "method": "rk5"}
@@ -29,21 +29,6 @@ ADAPTIVE = {"rtol": 1e-6, "method": "rk5"}
 @eig3.jit
 def pendulum(t, u, v, p):
     return -np.sin(u)
-
-
-@eig3.jit
-def fall(t, u, v, p):
-    return -p[0]
-
-
-@eig3.jit
-def height(t, u, v, p):
-    return u
-
-
-@eig3.jit
-def speed(t, u, v, p):
-    return v
 
 
 @eig3.jit
@@ -98,16 +83,11 @@ def vector_fall(t, u, v, p, a):
 
 
 @eig3.jit
-def first_height(t, u, v, p):
-    return u[0]
-
-
-@eig3.jit
 def vector_bounce(t, u, v, p):
     u[0], v[0] = 0.0, -p[1] * v[0]
 
 
-BALL = {"impact": Event(height, direction=-1, apply=bounce)}
+BALL = {"impact": Event(position, direction=-1, apply=bounce)}
 BOX = {"wall": Event(at_wall, apply=off_wall), "floor": Event(at_floor, apply=off_floor)}
 
 
@@ -116,7 +96,7 @@ def swing(events, span=(0, 10), u0=1.0, v0=0.0, rhs=spring, params=1.0, **option
 
 
 def drop(span, restitution=0.8, h0=1.0, **options):
-    return eig3.integrate(fall, span, h0, 0.0, params=(9.81, restitution), events=BALL, **options)
+    return eig3.integrate(falling, span, h0, 0.0, params=(9.81, restitution), events=BALL, **options)
 
 
 # Zeros ---------------------------------------------------------------------------------------------------------------
@@ -145,7 +125,7 @@ def scipy_pendulum():
 
 @pytest.mark.parametrize("options", [{"rtol": 1e-11}, {"h": 0.01, "method": "eig9"}], ids=["rk8", "eig9"])
 def test_crossings_of_a_pendulum_are_those_of_scipy(options, scipy_pendulum):
-    events = {"both": Event(height), "up": Event(height, direction=1), "down": Event(height, direction=-1)}
+    events = {"both": Event(position), "up": Event(position, direction=1), "down": Event(position, direction=-1)}
     found = swing(events, (0, 40), 2.0, rhs=pendulum, params=(), **options).events
     (up, down), states = scipy_pendulum
     np.testing.assert_allclose(found["up"].t, up, rtol=0, atol=1e-9)
@@ -161,14 +141,14 @@ def test_crossings_of_a_pendulum_are_those_of_scipy(options, scipy_pendulum):
 
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
 def test_events_without_apply_change_nothing(options):
-    alone, watched = swing(None, **options), swing({"zero": Event(height), "turn": Event(speed)}, **options)
+    alone, watched = swing(None, **options), swing({"zero": Event(position), "turn": Event(velocity)}, **options)
     for name in ("t", "u", "v"):
         assert np.array_equal(getattr(alone, name), getattr(watched, name))
 
 
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
 def test_a_zero_at_the_start_does_not_fire(options):
-    found = swing({"zero": Event(height)}, u0=0.0, v0=1.0, **options).events["zero"]
+    found = swing({"zero": Event(position)}, u0=0.0, v0=1.0, **options).events["zero"]
     # the error of the motion: the period of EIG-3 is wrong by (omega h)^2 / 24 = 4e-6 of it
     np.testing.assert_allclose(found.t, np.pi * np.arange(1, 4), rtol=0, atol=1e-4)
 
@@ -176,7 +156,9 @@ def test_a_zero_at_the_start_does_not_fire(options):
 def test_a_zero_at_the_end_of_a_step_fires_once():
     """u = 1/2 - t^2 / 2 is zero at t = 1, which is the end of a step, without round-off."""
     for h in (0.25, 0.5, 1.0):
-        found = eig3.integrate(fall, (0, 3), 0.5, 0.0, h=h, params=1.0, events={"zero": Event(height)}).events["zero"]
+        found = eig3.integrate(falling, (0, 3), 0.5, 0.0, h=h, params=1.0, events={"zero": Event(position)}).events[
+            "zero"
+        ]
         assert found.t.tolist() == [1.0]
 
 
@@ -185,7 +167,7 @@ def test_a_zero_at_the_end_of_a_step_fires_once():
 def test_bounces_at_the_ends_of_steps(u0, t0, h):
     """A flight takes 2 units of time: up to a whole step from zero to zero."""
     v0 = 0.0 if u0 else 1.0
-    solution = eig3.integrate(fall, (0, 20.5), u0, v0, h=h, params=(1.0, 1.0), events=BALL)
+    solution = eig3.integrate(falling, (0, 20.5), u0, v0, h=h, params=(1.0, 1.0), events=BALL)
     expected = np.arange(t0, 20.5, 2.0)
     # the round-off of v, of some 1e-15 in a step, adds up over ten flights
     np.testing.assert_allclose(solution.events["impact"].t, expected, rtol=0, atol=2e-12)
@@ -212,7 +194,7 @@ def test_a_double_root_at_the_end_of_a_step_does_not_fire():
 
 def test_events_in_a_step_are_in_their_order():
     events = {f"{x}": Event(_reaches(x)) for x in (0.9, 0.3, 0.6)}
-    solution = eig3.integrate(fall, (0, 2), 1.0, 0.0, h=2.0, params=1.0, events=events)
+    solution = eig3.integrate(falling, (0, 2), 1.0, 0.0, h=2.0, params=1.0, events=events)
     for name, occurrences in solution.events.items():
         np.testing.assert_allclose(occurrences.t, math.sqrt(2 * (1 - float(name))), rtol=1e-14)
 
@@ -231,7 +213,7 @@ def _reaches(x):
 @pytest.mark.parametrize("save_every", [1, 7, None])
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
 def test_terminal_events_end_the_run(options, save_every):
-    solution = swing({"up": Event(height, 1, terminal=True)}, save_every=save_every, **options)
+    solution = swing({"up": Event(position, 1, terminal=True)}, save_every=save_every, **options)
     assert solution.status is Status.TERMINATED
     assert solution.success
     assert "'up'" in solution.message
@@ -242,13 +224,13 @@ def test_terminal_events_end_the_run(options, save_every):
     whole = swing({}, save_every=save_every, **options)
     assert np.array_equal(solution.u[:-1], whole.u[: len(solution.u) - 1])
     if solution.steps is not None:
-        last = swing({"up": Event(height, 1, terminal=True)}, **options)
+        last = swing({"up": Event(position, 1, terminal=True)}, **options)
         assert solution.steps[-1] == pytest.approx(last.t[-1] - last.t[-2], rel=1e-12)
 
 
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
 def test_of_two_terminal_events_the_first_ends_the_run(options):
-    events = {"late": Event(speed, 1, terminal=True), "early": Event(height, terminal=True)}
+    events = {"late": Event(velocity, 1, terminal=True), "early": Event(position, terminal=True)}
     solution = swing(events, **options)
     assert "'early'" in solution.message
     assert len(solution.events["late"]) == 0
@@ -256,7 +238,7 @@ def test_of_two_terminal_events_the_first_ends_the_run(options):
 
 def test_a_terminal_event_with_apply_ends_with_its_state():
     for options in (FIXED, ADAPTIVE):
-        solution = swing({"zero": Event(height, terminal=True, apply=swap)}, **options)
+        solution = swing({"zero": Event(position, terminal=True, apply=swap)}, **options)
         assert solution.v[-1] == solution.events["zero"].v_after[0] == 2 * solution.events["zero"].v[0]
 
 
@@ -297,7 +279,7 @@ def test_impacts_from_any_height(restitution, h0, options):
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
 def test_resets_in_vector_form(options):
     """One of two bodies bounces: it does so as alone, and the other one falls."""
-    events = {"impact": Event(first_height, -1, apply=vector_bounce)}
+    events = {"impact": Event(first_position, -1, apply=vector_bounce)}
     params = (9.81, 0.8)
     solution = eig3.integrate(vector_fall, (0, 2), [1.0, 5.0], [0.0, 0.0], params=params, events=events, **options)
     alone = drop((0, 2), **options)
@@ -390,7 +372,7 @@ def test_zeno():
         # the flights are shorter than 1e-12 of the span from there on, and so is the rest of their sum
         assert solution.t[-1] == pytest.approx(limit, abs=1e-10)
         assert 30 < len(solution.events["impact"]) < 60
-        late = eig3.integrate(fall, (1e6, 1e6 + 10), 1.0, 0.0, params=(9.81, 0.5), events=BALL, **options)
+        late = eig3.integrate(falling, (1e6, 1e6 + 10), 1.0, 0.0, params=(9.81, 0.5), events=BALL, **options)
         assert late.status is Status.ZENO
         assert late.t[-1] - 1e6 == pytest.approx(limit, abs=1e-7)
 
@@ -417,7 +399,7 @@ def test_many_impacts_of_a_large_system():
         params=(9.81, 1.0),
         h=0.5,
         save_every=None,
-        events={"impact": Event(first_height, -1, apply=vector_bounce)},
+        events={"impact": Event(first_position, -1, apply=vector_bounce)},
     )
     fall_time = math.sqrt(2e-4 / 9.81)
     times = fall_time * np.arange(1, 1 / fall_time, 2)
@@ -487,10 +469,10 @@ def test_a_reset_at_the_end_of_a_step_makes_no_other_event_occur(options):
     """A body falls from 20 m, and is pushed at t = 1, the end of a step of 0.01 or 0.25."""
     events = {
         "push": Event(at_one, apply=push),
-        "floor": Event(height, terminal=True),
-        "passed": Event(height, apply=swap),
+        "floor": Event(position, terminal=True),
+        "passed": Event(position, apply=swap),
     }
-    solution = eig3.integrate(fall, (0, 5), 20.0, 0.0, params=(9.81,), events=events, **options)
+    solution = eig3.integrate(falling, (0, 5), 20.0, 0.0, params=(9.81,), events=events, **options)
     v = -9.81 - 0.001  # after the push
     t = 1 + (v + math.sqrt(v * v + 2 * 9.81 * (20 - 9.81 / 2))) / 9.81
     assert solution.events["push"].t.tolist() == pytest.approx([1.0], abs=1e-14)
@@ -512,7 +494,7 @@ def test_a_body_that_does_not_rebound_does_not_pass_through_the_floor(restitutio
     for floor in (0.0, 1000.0):
         events = {"impact": Event(above_floor, direction, apply=land)}
         params = (9.81, restitution, floor)
-        solution = eig3.integrate(fall, (0, 10), floor + 1.0, 0.0, params=params, events=events, **options)
+        solution = eig3.integrate(falling, (0, 10), floor + 1.0, 0.0, params=params, events=events, **options)
         assert solution.status is Status.ZENO
         assert "'impact'" in solution.message
         assert "force" in solution.message
@@ -620,8 +602,8 @@ def test_a_body_at_rest_on_a_stop_that_is_pressed_later(options):
 @pytest.mark.parametrize("direction", [-1, 0, 1])
 def test_a_reset_may_let_the_state_pass(factor, direction, options):
     """A gate changes the speed of a body that goes through it: a kick, a relay that changes nothing, a brake."""
-    events = {"gate": Event(height, direction, apply=through)}
-    solution = eig3.integrate(fall, (0, 3), 1.0, 0.0, params=(1.0, factor), events=events, **options)
+    events = {"gate": Event(position, direction, apply=through)}
+    solution = eig3.integrate(falling, (0, 3), 1.0, 0.0, params=(1.0, factor), events=events, **options)
     assert solution.status is Status.COMPLETED
     first = math.sqrt(2)
     if direction == 1:
@@ -686,10 +668,18 @@ def test_a_block_that_sticks_and_slips(options):
 @pytest.mark.parametrize("save_every", [1, 7, None])
 def test_the_last_state_of_a_run_that_ends_with_a_step(save_every, terminal, tmp_path):
     """u = 1/2 - t^2 / 2 is zero at t = 1, the end of a step: the state after the reset is saved once."""
-    events = {"impact": Event(height, -1, terminal, land_on_zero)}
+    events = {"impact": Event(position, -1, terminal, land_on_zero)}
     for options in ({"h": 1 / 64}, {"h": 1 / 64, "save_to": tmp_path / "run"}, {"rtol": 1e-6, "h_max": 1 / 64}):
         solution = eig3.integrate(
-            fall, (0, 2), 0.5, 0.0, params=1.0, events=events, save_every=save_every, outputs={"v": speed}, **options
+            falling,
+            (0, 2),
+            0.5,
+            0.0,
+            params=1.0,
+            events=events,
+            save_every=save_every,
+            outputs={"v": velocity},
+            **options,
         )
         assert solution.status is (Status.TERMINATED if terminal else Status.ZENO)
         assert solution.t[-1] == pytest.approx(1.0, abs=1e-14)
@@ -722,11 +712,11 @@ def above_two(t, u, v, p):
 def test_a_change_of_sign_by_another_reset_is_no_occurrence(options):
     """A body that reaches the floor is put at 3 m: it did not rise through 2 m, but it falls through it."""
     events = {
-        "floor": Event(height, -1, apply=lift_to_three),
+        "floor": Event(position, -1, apply=lift_to_three),
         "level": Event(above_two),
-        "seen": Event(height),
+        "seen": Event(position),
     }
-    solution = eig3.integrate(fall, (0, 3), 1.0, 0.0, params=(2.0,), events=events, **options)
+    solution = eig3.integrate(falling, (0, 3), 1.0, 0.0, params=(2.0,), events=events, **options)
     np.testing.assert_allclose(solution.events["floor"].t, [1.0, 1 + math.sqrt(3)], rtol=0, atol=1e-11)
     np.testing.assert_allclose(solution.events["seen"].t, solution.events["floor"].t, rtol=0, atol=1e-11)
     np.testing.assert_allclose(solution.events["level"].t, [2.0], rtol=0, atol=1e-11)
@@ -746,9 +736,9 @@ def second_infinite(t, u, v, p):
 def test_apply_must_give_a_finite_state(options):
     message = r"^apply of events\['bad'\] gives infinity or NaN at t = 1\.57\d*; it must give a finite state\.$"
     with pytest.raises(ValueError, match=message) as raised:
-        swing({"bad": Event(height, apply=infinite)}, **options)
+        swing({"bad": Event(position, apply=infinite)}, **options)
     assert np.isfinite(raised.value.solution.u).all()
-    events = {"bad": Event(first_height, apply=second_infinite)}
+    events = {"bad": Event(first_position, apply=second_infinite)}
     with pytest.raises(ValueError, match=r"^apply of events\['bad'\] gives infinity or NaN at t = "):
         eig3.integrate(vector_fall, (0, 3), [1.0, 1.0], [0.0, 0.0], params=(1.0,), events=events, **options)
 
@@ -762,8 +752,8 @@ class _Set:
 
 def test_a_step_with_a_full_log_can_be_taken_back():
     """The log is full after some thousand impacts, within a step: a cancellation waits for the end of the step."""
-    events = {"impact": Event(height, -1, apply=bounce)}
-    system = System(fall, SCALAR, run_options(h=0.25, events=events))
+    events = {"impact": Event(position, -1, apply=bounce)}
+    system = System(falling, SCALAR, run_options(h=0.25, events=events))
     stepper = Stepper.of(system, 0.0, 0.25, 1e-10, 0.0, guarded(np.array([9.81, 1.0])))
     whole = stepper.fork()
     whole.advance(2)
@@ -777,8 +767,8 @@ def test_a_step_with_a_full_log_can_be_taken_back():
         each.advance(1)
         assert each.index == 2
         assert (each.u, each.v) == (whole.u, whole.v)
-        times = each.look.watching.occurrences()["impact"].t
-        assert np.array_equal(times, whole.look.watching.occurrences()["impact"].t)
+        times = each.look.occurrences()["impact"].t
+        assert np.array_equal(times, whole.look.occurrences()["impact"].t)
 
 
 # Long runs and failures ----------------------------------------------------------------------------------------------
@@ -787,7 +777,7 @@ def test_a_step_with_a_full_log_can_be_taken_back():
 @pytest.mark.parametrize("options", [{"h": 0.01, "method": "eig3"}, ADAPTIVE], ids=["fixed", "adaptive"])
 def test_a_hundred_thousand_events(options):
     solution = swing(
-        {"zero": Event(height)}, (0, 1e4 * math.pi + 0.1), 0.0, 10.0, params=10.0, save_every=None, **options
+        {"zero": Event(position)}, (0, 1e4 * math.pi + 0.1), 0.0, 10.0, params=10.0, save_every=None, **options
     )
     assert solution.status is Status.COMPLETED
     times = solution.events["zero"].t
@@ -801,8 +791,8 @@ def test_a_hundred_thousand_events(options):
 def test_a_run_with_many_slices_has_the_events_of_one_call():
     """Invariants divide a run into chunks, whose ends must not change anything."""
     options = {"h": 1e-4, "method": "eig3"}
-    plain = swing({"zero": Event(height)}, (0, 30), **options)
-    watched = swing({"zero": Event(height)}, (0, 30), invariants={"e": energy}, outputs={"v": speed}, **options)
+    plain = swing({"zero": Event(position)}, (0, 30), **options)
+    watched = swing({"zero": Event(position)}, (0, 30), invariants={"e": energy}, outputs={"v": velocity}, **options)
     assert np.array_equal(plain.events["zero"].t, watched.events["zero"].t)
     assert np.array_equal(watched.outputs["v"], watched.v)
     assert watched.extremes["v"].high == watched.v.max()
@@ -840,7 +830,7 @@ def test_exceptions_keep_the_events_before_them(g, rhs, message, options):
     t_eval = np.linspace(0, 10, 101)
     for times in (None, t_eval):
         with pytest.raises(ValueError, match=message) as raised:
-            swing({"zero": Event(height), "bad": Event(g)}, rhs=rhs, t_eval=times, **options)
+            swing({"zero": Event(position), "bad": Event(g)}, rhs=rhs, t_eval=times, **options)
         solution = raised.value.solution
         assert solution.status is Status.INTERRUPTED
         np.testing.assert_allclose(solution.events["zero"].t, [math.pi / 2], rtol=0, atol=1e-4)
@@ -850,7 +840,7 @@ def test_exceptions_keep_the_events_before_them(g, rhs, message, options):
 
 
 def test_a_run_that_diverges_says_so():
-    solution = swing({"zero": Event(height)}, (0, 1000), params=10.0, h=1.0, method="eig3")
+    solution = swing({"zero": Event(position)}, (0, 1000), params=10.0, h=1.0, method="eig3")
     assert solution.status is Status.DIVERGED
     assert "critical step" in solution.explain()
 
@@ -870,11 +860,11 @@ def unequal_squares(t, u, v, p):
     return u * u - v * v
 
 
-@pytest.mark.parametrize("options", [{"h": 0.02, "method": "rk8"}, {"h": 0.02, "method": "rk4"}, {"rtol": 1e-6}])
+@pytest.mark.parametrize("options", [{"h": 0.02, "method": "rk4"}, {"rtol": 1e-6}])
 def test_a_g_that_is_nan_where_the_motion_overflows_is_no_error(options):
     """The member with p = 2 grows without end: it ends as without events, and the others complete."""
     params = np.array([[-1.0], [2.0], [0.5]])
-    for event in (Event(sine_of_place), Event(unequal_squares), Event(height)):
+    for event in (Event(sine_of_place), Event(unequal_squares), Event(position)):
         plain = [eig3.integrate(escaping, (0, 5), 1.0, 0.0, params=p, **options) for p in params]
         single = [eig3.integrate(escaping, (0, 5), 1.0, 0.0, params=p, events={"e": event}, **options) for p in params]
         members = eig3.ensemble(escaping, (0, 5), 1.0, 0.0, params=params, events={"e": event}, **options)
@@ -887,7 +877,7 @@ def test_a_g_that_is_nan_where_the_motion_overflows_is_no_error(options):
 
 def test_a_motion_that_an_event_makes_grow_is_no_divergence():
     for options in (FIXED, ADAPTIVE):
-        solution = swing({"kick": Event(height, 1, apply=swap)}, (0, 60), **options)
+        solution = swing({"kick": Event(position, 1, apply=swap)}, (0, 60), **options)
         assert solution.status is Status.COMPLETED
         np.testing.assert_allclose(np.abs(solution.events["kick"].v_after), 2.0 ** np.arange(1, 10), rtol=2e-3)
 
@@ -896,7 +886,7 @@ def test_ctrl_c_keeps_the_events(python_handler):
     for options in ({"h": 1e-3, "method": "eig3"}, ADAPTIVE):
         threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
         with pytest.raises(KeyboardInterrupt) as raised:
-            swing({"zero": Event(height)}, (0, 1e7), save_every=None, **options)
+            swing({"zero": Event(position)}, (0, 1e7), save_every=None, **options)
         solution = raised.value.solution
         assert solution.status is Status.INTERRUPTED
         assert abs(len(solution.events["zero"]) - solution.t[-1] / math.pi) < 1e-3 * solution.t[-1] + 2
@@ -905,7 +895,7 @@ def test_ctrl_c_keeps_the_events(python_handler):
 def test_events_outputs_invariants_and_times_together():
     for options in (FIXED, ADAPTIVE):
         times = np.linspace(0, 2, 33)
-        solution = drop((0, 2), t_eval=times, outputs={"v": speed}, invariants={"e": energy}, **options)
+        solution = drop((0, 2), t_eval=times, outputs={"v": velocity}, invariants={"e": energy}, **options)
         assert np.array_equal(solution.t, times)
         exact = bouncing_ball(t_end=2.0).exact(times)
         np.testing.assert_allclose(solution.u, exact[0], rtol=0, atol=1e-10)
@@ -934,16 +924,19 @@ def plain(t, u, v, p):
 @pytest.mark.parametrize(
     ("events", "message"),
     [
-        ({"a": height}, r"^events\['a'\] must be an eig3.Event, not .*: write eig3\.Event\(g\)\.$"),
-        ([Event(height)], "^events must be a dictionary of names and events"),
+        ({"a": position}, r"^events\['a'\] must be an eig3.Event, not .*: write eig3\.Event\(g\)\.$"),
+        ([Event(position)], "^events must be a dictionary of names and events"),
         ([], "^events must be a dictionary of names and events"),
         ({"a": Event(3)}, r"^g of events\['a'\] must be a function"),
         ({"a": Event(plain)}, r"^g of events\['a'\] must be compiled"),
         ({"a": Event(bounce)}, r"^g of events\['a'\] must have the form \(t, u, v, p\) -> float"),
-        ({"a": Event(height, apply=height)}, r"^apply of events\['a'\] must have the form \(t, u, v, p\) -> \(u, v\)"),
-        ({"a": Event(height, apply=5)}, r"^apply of events\['a'\] must be a function"),
-        ({"a": Event(first_height)}, r"events\['a'\]"),
-        ({"a": Event(height, apply=vector_bounce)}, r"events\['a'\]"),
+        (
+            {"a": Event(position, apply=position)},
+            r"^apply of events\['a'\] must have the form \(t, u, v, p\) -> \(u, v\)",
+        ),
+        ({"a": Event(position, apply=5)}, r"^apply of events\['a'\] must be a function"),
+        ({"a": Event(first_position)}, r"events\['a'\]"),
+        ({"a": Event(position, apply=vector_bounce)}, r"events\['a'\]"),
     ],
 )
 def test_bad_events_are_refused(events, message, options):
@@ -955,10 +948,10 @@ def test_bad_events_are_refused(events, message, options):
 @pytest.mark.parametrize("direction", [2, -2, 0.5, "up", None, True])
 def test_direction_is_checked(direction):
     with pytest.raises(ValueError, match=r"^direction must be -1, 0 or 1"):
-        Event(height, direction=direction)
+        Event(position, direction=direction)
 
 
 @pytest.mark.parametrize("terminal", ["no", 2, None])
 def test_terminal_is_checked(terminal):
     with pytest.raises((TypeError, ValueError), match=r"^terminal must be"):
-        Event(height, terminal=terminal)
+        Event(position, terminal=terminal)

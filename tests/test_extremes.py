@@ -6,6 +6,8 @@ import pytest
 import eig3
 from eig3 import Event, Status, integrate
 
+from .conftest import above_level, falling, position, rebound, velocity
+
 XI = 0.05
 END = 20.0
 DAMPED = np.sqrt(1 - XI**2)  # the circular frequency of the damped vibration; the undamped one is 1
@@ -20,16 +22,6 @@ def oscillator(t, u, v, p):
 def oscillators(t, u, v, p, a):
     for j in range(u.size):
         a[j] = -u[j] - 2 * p[0] * v[j]
-
-
-@eig3.jit
-def displacement(t, u, v, p):
-    return u
-
-
-@eig3.jit
-def velocity(t, u, v, p):
-    return v
 
 
 @eig3.jit
@@ -80,7 +72,7 @@ def run_error(run):
 def test_extremes_are_those_of_the_motion(method, rtol):
     """The factors are the derivatives of the values by u and v: 2 |u|, |u| + |v| and t. The dense output between the
     ends of steps has twice their error, or less."""
-    run = vibration(rtol=rtol, method=method, outputs={"u": displacement, "more": (quadratic, 4)})
+    run = vibration(rtol=rtol, method=method, outputs={"u": position, "more": (quadratic, 4)})
     within = 2 * run_error(run) * np.array([1, 2, 2, END]) + 1e-9
     assert run.extremes["u"].high == pytest.approx(PEAK, abs=2 * run_error(run))
     # near the peak v = -(t - t_peak) PEAK: the error of v moves it
@@ -133,7 +125,7 @@ def test_they_do_not_depend_on_what_is_saved_nor_on_the_calls(method, monkeypatc
 
 def test_inlined_run_has_the_same_extremes():
     """Up to round-off: the compiler may fuse other products and sums. EIG-3's kernel compiles in the least time."""
-    options = {"rtol": 1e-5, "method": "eig3", "outputs": {"u": displacement}}
+    options = {"rtol": 1e-5, "method": "eig3", "outputs": {"u": position}}
     run, inlined = vibration(**options).extremes["u"], vibration(inline=True, **options).extremes["u"]
     assert inlined == pytest.approx(run, abs=1e-12)
 
@@ -141,7 +133,7 @@ def test_inlined_run_has_the_same_extremes():
 def test_what_is_followed_leaves_the_motion_alone():
     """It only adds the evaluations of the dense output to the count: three in each step of RK8."""
     options = {"rtol": 1e-6, "method": "rk8"}
-    run, alone = vibration(outputs={"u": displacement}, **options), vibration(**options)
+    run, alone = vibration(outputs={"u": position}, **options), vibration(**options)
     np.testing.assert_array_equal(run.u, alone.u)
     np.testing.assert_array_equal(run.steps, alone.steps)
     assert run.n_rhs == alone.n_rhs + 3 * run.n_steps
@@ -160,7 +152,7 @@ def first_undefined_later(t, u, v, p, out):
 
 def test_the_first_nan_stays_with_its_time():
     run = vibration(rtol=1e-8, outputs={"one": undefined_later, "two": (first_undefined_later, 2)})
-    alone = vibration(rtol=1e-8, outputs={"u": displacement})
+    alone = vibration(rtol=1e-8, outputs={"u": position})
     step = run.steps[np.searchsorted(run.t, 3.0)]
     low, high, t_low, t_high = run.extremes["one"]
     assert np.isnan([low, high]).all()
@@ -180,7 +172,7 @@ def saw(t, u, v, p):
 def test_an_output_with_a_kink_has_values_that_it_takes():
     """The polynomial through the values of |u| falls below zero."""
     for rtol in (1e-3, 1e-5, 1e-8):
-        extremes = vibration(rtol=rtol, outputs={"size": saw, "u": displacement}).extremes
+        extremes = vibration(rtol=rtol, outputs={"size": saw, "u": position}).extremes
         assert extremes["size"].low == 0.0  # at the start
         assert extremes["size"].high == extremes["u"].high
         start = integrate(oscillator, (0.0, END), 0.5, 1.0, params=XI, rtol=rtol, outputs={"size": saw})
@@ -197,21 +189,6 @@ def test_an_invariant_drifts_at_the_ends_of_steps():
 
 
 @eig3.jit
-def falls(t, u, v, p):
-    return -p[0]
-
-
-@eig3.jit
-def height(t, u, v, p):
-    return u
-
-
-@eig3.jit
-def bounces(t, u, v, p):
-    return u, -0.5 * v
-
-
-@eig3.jit
 def speed(t, u, v, p):
     return abs(v)
 
@@ -221,9 +198,9 @@ def speed(t, u, v, p):
 def test_the_states_before_and_after_an_impact_count(method, terminal):
     """A fall from 5 m with 10 m/s^2 ends after 1 s with -10 m/s, from where the ball rises with 5 m/s to 1.25 m."""
     run = integrate(
-        falls, (0.0, 1.8), 5.0, 0.0, params=10.0, rtol=1e-6, method=method,
-        events={"impact": Event(height, -1, apply=bounces, terminal=terminal)},
-        outputs={"v": velocity, "speed": speed, "u": displacement},
+        falling, (0.0, 1.8), 5.0, 0.0, params=10.0, rtol=1e-6, method=method,
+        events={"impact": Event(position, -1, apply=rebound, terminal=terminal)},
+        outputs={"v": velocity, "speed": speed, "u": position},
     )  # fmt: skip
     assert run.status is (Status.TERMINATED if terminal else Status.COMPLETED)
     low, high, t_low, t_high = run.extremes["v"]
@@ -231,11 +208,6 @@ def test_the_states_before_and_after_an_impact_count(method, terminal):
     assert t_low == t_high == run.events["impact"].t[0]
     assert run.extremes["speed"].high == pytest.approx(10, rel=1e-13)
     assert run.extremes["u"].low == pytest.approx(0, abs=1e-13)
-
-
-@eig3.jit
-def returns(t, u, v, p):
-    return u - p[1]
 
 
 @eig3.jit
@@ -248,9 +220,9 @@ def stops(t, u, v, p):
 @pytest.mark.parametrize("apply", [None, stops])
 def test_a_part_of_a_step_up_to_an_event(method, level, apply):
     """The vibration passes the level on its way back, in the step that has the peak, or in another."""
-    events = {"back": Event(returns, -1, apply=apply, terminal=True)}
+    events = {"back": Event(above_level, -1, apply=apply, terminal=True)}
     options = {"rtol": 1e-6, "method": method, "params": (XI, level * PEAK)}
-    run = integrate(oscillator, (0.0, END), 0.0, 1.0, events=events, outputs={"u": displacement}, **options)
+    run = integrate(oscillator, (0.0, END), 0.0, 1.0, events=events, outputs={"u": position}, **options)
     assert run.extremes["u"].high == pytest.approx(PEAK, abs=1e-5)  # some tolerances
     assert run.extremes["u"].t_high == pytest.approx(PEAK_TIME, abs=1e-5)
 
@@ -259,7 +231,7 @@ def test_a_peak_that_is_not_reached():
     """The step that would pass the peak ends at the event before it."""
     run = integrate(
         oscillator, (0.0, END), 0.0, 1.0, params=(XI, 0.8 * PEAK), rtol=1e-3, method="rk8",
-        events={"up": Event(returns, 1, terminal=True)}, outputs={"u": displacement},
+        events={"up": Event(above_level, 1, terminal=True)}, outputs={"u": position},
     )  # fmt: skip
     assert run.extremes["u"].high == run.u[-1] == pytest.approx(0.8 * PEAK, rel=1e-12)
     assert run.extremes["u"].t_high == run.t[-1]
@@ -267,11 +239,11 @@ def test_a_peak_that_is_not_reached():
 
 def test_extended_through_impacts():
     options = {
-        "params": 10.0, "rtol": 1e-6, "method": "rk8", "outputs": {"v": velocity, "u": displacement},
-        "events": {"impact": Event(height, -1, apply=bounces)}, "invariants": {"speed": speed},
+        "params": 10.0, "rtol": 1e-6, "method": "rk8", "outputs": {"v": velocity, "u": position},
+        "events": {"impact": Event(position, -1, apply=rebound)}, "invariants": {"speed": speed},
     }  # fmt: skip
-    whole = integrate(falls, (0.0, 2.6), 5.0, 1.0, **options)
-    assert_same(whole, integrate(falls, (0.0, 1.5), 5.0, 1.0, **options).extend(2.6))
+    whole = integrate(falling, (0.0, 2.6), 5.0, 1.0, **options)
+    assert_same(whole, integrate(falling, (0.0, 1.5), 5.0, 1.0, **options).extend(2.6))
     assert whole.extremes["u"].high == pytest.approx(5.05, rel=1e-13)  # u0 + v0^2 / (2 g)
     assert whole.extremes["u"].t_high == pytest.approx(0.1, rel=1e-7)
     assert whole.drift["speed"] == pytest.approx(np.sqrt(101) - 1, rel=1e-12)

@@ -10,7 +10,7 @@ import eig3
 from eig3 import stability
 from eig3.kernels.methods import eig
 
-from .conftest import gyroscope, hardening
+from .conftest import gyroscope, hardening, harmonic
 
 GRADES = range(3, 14)
 
@@ -72,7 +72,6 @@ def test_ordinates_sum_the_differences():
 #: The largest stable omega h for a physical damping ratio xi, to the digits of an independent computation.
 LIMITS = {
     3: {0: 2, 0.01: 1.960, 0.1: 1.640, 0.5: 0.828},
-    4: {0: 1.732, 0.01: 1.676, 0.1: 1.267, 0.5: 0.500},
     5: {0: 1.414, 0.01: 1.349, 0.1: 0.895, 0.5: 0.286},
     9: {0: 0.459, 0.01: 0.380, 0.1: 0.114, 0.5: 0.024},
 }
@@ -88,16 +87,11 @@ def test_limits_against_damping(grade):
 def test_a_run_holds_below_the_limit_and_grows_above_it(grade):
     limit = stability.limit(eig3.EIG(grade))
     for h, holds in ((0.99 * limit, True), (1.01 * limit, False)):
-        run = eig3.integrate(linear, (0, 1000 * h), 1.0, 0.0, h=h, method=eig3.EIG(grade))
+        run = eig3.integrate(harmonic, (0, 1000 * h), 1.0, 0.0, h=h, method=eig3.EIG(grade))
         assert run.success == holds
 
 
 # Kernels --------------------------------------------------------------------------------------------------------------
-
-
-@eig3.jit
-def linear(t, u, v, p):
-    return -u
 
 
 @eig3.jit
@@ -122,7 +116,7 @@ def exact_damped(t, u0, v0):
 
 
 #: Methods with a number of steps at which the error is far above round-off, and the order is seen.
-STEPS = {eig3.EIG(3): 128, eig3.EIG(5): 160, eig3.EIG(7): 200, eig3.EIG(9): 256, eig3.RK5(): 64, eig3.RK8(): 16}
+STEPS = {eig3.EIG(3): 128, eig3.EIG(5): 160, eig3.EIG(9): 256, eig3.RK5(): 64, eig3.RK8(): 16}
 every = pytest.mark.parametrize("method", STEPS, ids=lambda method: method.name)
 
 

@@ -22,9 +22,9 @@ from eig3.stability import (
     spectral_radius,
 )
 
-GRADES = range(3, 14)
-DAMPED_GRADES = (3, 5, 8, 11, 13)  # one text makes all grades, and each takes seconds to compile
 WEAK = (6, 7, 10, 11)
+DAMPED_GRADES = (3, 5, 8, 13)  # one text makes all grades, and each takes seconds to compile
+GRADES = sorted({*WEAK, *DAMPED_GRADES})
 DAMPINGS = (0.01, 0.1, 0.5, 1.0)
 EPS = 2.0**-52
 

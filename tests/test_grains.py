@@ -11,9 +11,9 @@ import pytest
 import eig3
 from eig3 import effects, problems
 from eig3.effects.hertz_mindlin import damping_ratio
-from eig3.scene import Scene, swarm
+from eig3.scene import Scene, pair_force
 
-from .conftest import acceleration
+from .conftest import acceleration, refusals
 from .test_extend import assert_same
 
 R, M = 0.1, 0.02
@@ -21,24 +21,24 @@ SPHERE, DISC = 0.4 * M * R * R, 0.5 * M * R * R
 
 
 def hertz_mindlin(**fields):
-    return effects.HertzMindlin(**{"E": 1e7, "nu": 0.3, "reach": 2 * R, "friction": 0.4, **fields})
+    return effects.HertzMindlin(**{"E": 1e7, "nu": 0.3, "contact_distance": 2 * R, "friction": 0.4, **fields})
 
 
 @dataclass(frozen=True, eq=False)
-class Block(effects.Rough):
+class Block(effects.FrictionalContact):
     """Linear springs across the surfaces and along them."""
 
     stiffness: float
     shear: float
-    reach: float
+    contact_distance: float
     friction: float
-    near_radius: float = R
+    wall_radius: float = R
     loss: float = 0.0
 
     @staticmethod
     @eig3.jit
-    def tension(r, stiffness, reach):
-        return -stiffness * (reach - r)
+    def tension(r, stiffness, contact_distance):
+        return -stiffness * (contact_distance - r)
 
     @staticmethod
     @eig3.jit
@@ -60,7 +60,7 @@ def oblique(dimension=2, v=0.5, spin=0.0, **fields):
     speeds[:, 0] = v, -v
     if dimension == 3:
         x[1, 2], spin = 0.03, np.array([[spin, 0.5 * spin, -spin], [0.0, spin, spin]])
-    scene.add(hertz_mindlin(**fields), scene.mass(M, x, speeds, inertia=SPHERE, spin=spin))
+    scene.add(hertz_mindlin(**fields), scene.mass(M, x, speeds, inertia=SPHERE, angular_velocity=spin))
     return scene
 
 
@@ -75,7 +75,7 @@ def heap(n=6, dimension=2, **fields):
     posts = scene.fixed(np.stack(np.meshgrid(*floor), axis=-1).reshape(-1, dimension))
     effect = hertz_mindlin(E=1e6, restitution=0.5, **fields)
     scene.add(effect, grains)
-    scene.add(effect, grains, near=posts)
+    scene.add(effect, grains, others=posts)
     scene.add(effects.Gravity((*[0] * (dimension - 1), -9.81)))
     return scene
 
@@ -86,13 +86,15 @@ def test_a_grain_that_slides_then_rolls(inertia, part):
     scene, large, v0 = Scene(2), 1e5, 1.0
     sink = (M * 9.81 / (4 / 3 * 1e7 / (2 * (1 - 0.3**2)) * np.sqrt(R))) ** (2 / 3)  # the indentation at rest
     ball = scene.mass(M, (0.0, R - sink), (v0, 0.0), inertia=inertia)
-    scene.add(hertz_mindlin(reach=R + large, near_radius=large), ball[None], near=scene.fixed([(0.0, -large)]))
+    scene.add(
+        hertz_mindlin(contact_distance=R + large, wall_radius=large), ball[None], others=scene.fixed([(0.0, -large)])
+    )
     scene.add(effects.Gravity((0, -9.81)))
     problem = scene.problem((0, 0.2))
-    a = ball.of(acceleration(problem, problem.u0, problem.v0))
+    a = ball.velocities(acceleration(problem, problem.u0, problem.v0))
     assert abs(a[1]) < 1e-4 * 9.81  # Hertz's force at this indentation carries the weight
     run = problem.integrate(h=2e-5, method="rk4", save_every=100)
-    v, spin = ball.of(run.v)[:, 0], ball.angles_of(run.v)
+    v, spin = ball.velocities(run.v)[:, 0], ball.angular_velocities(run.v)
     slides = 0.4 * 9.81 * run.t < 0.9 * v0 * (1 - part)
     np.testing.assert_allclose(v[slides], v0 - 0.4 * 9.81 * run.t[slides], rtol=0, atol=2e-4)
     assert v[-20:].mean() == pytest.approx(part * v0, abs=3e-3)
@@ -120,8 +122,8 @@ def test_a_spring_that_sticks_oscillates():
     """A grain that is pressed on a fixed one by a constant force: the period is that of the spring and the mass."""
     scene, large, k = Scene(2), 1e6, 50.0
     block = scene.mass(M, (0.0, R - 1e-3), (1e-3, 0.0))
-    effect = Block(stiffness=1e3, shear=k, reach=R + large, friction=10.0, near_radius=large)
-    scene.add(effect, block[None], near=scene.fixed([(0.0, -large)]))
+    effect = Block(stiffness=1e3, shear=k, contact_distance=R + large, friction=10.0, wall_radius=large)
+    scene.add(effect, block[None], others=scene.fixed([(0.0, -large)]))
     scene.add(effects.Gravity((0, -1.0 / M)))
     omega = np.sqrt(k / M)
     errors = []
@@ -169,9 +171,11 @@ def test_the_order_is_two_while_a_contact_holds(method):
     ends = []
     for h in (4e-5, 2e-5, 1e-5):
         scene = Scene(2)
-        pair = scene.mass(M, [[0, 0], [0.195, 0.01]], [[0, 0.02], [0, -0.03]], inertia=SPHERE, spin=[0.3, -0.5])
+        pair = scene.mass(
+            M, [[0, 0], [0.195, 0.01]], [[0, 0.02], [0, -0.03]], inertia=SPHERE, angular_velocity=[0.3, -0.5]
+        )
         scene.add(hertz_mindlin(E=5e5, friction=50.0), pair)
-        scene.add(effects.LinearSpring(300.0, length=0.1), pair[0], pair[1])
+        scene.add(effects.LinearSpring(300.0, rest_length=0.1), pair[0], pair[1])
         ends.append(scene.problem((0, 0.002)).integrate(h=h, method=method, save_every=None).v[-1])
     ratio = np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(ends[1] - ends[2])
     assert 3.5 < ratio < 4.7
@@ -196,7 +200,7 @@ def test_an_oblique_impact_that_slides_has_mu_times_the_normal_impulse():
 @pytest.mark.parametrize("is_fixed", [False, True], ids=["both move", "one is fixed"])
 def test_spheres_that_strike_each_other_have_the_restitution(is_fixed):
     """At every speed, size and stiffness, and from hardly any rebound to an elastic one."""
-    for e in (0.03, 0.1, np.exp(-2.0), 0.3, 0.5, 0.7, 0.9, 1.0):
+    for e in (0.03, 0.1, 0.5, 0.9, 1.0):
         for speed, radii, E in ((0.01, (R, R), 1e7), (3.0, (R, 3 * R), 1e5), (0.5, (2 * R, 0.1 * R), 1e9)):
             m = M * (np.array(radii) / R) ** 3
             mass = m[0] if is_fixed else m[0] * m[1] / m.sum()
@@ -205,10 +209,10 @@ def test_spheres_that_strike_each_other_have_the_restitution(is_fixed):
             scene = Scene(2)
             x, v = [(0.0, 0.0), (sum(radii), 0.0)], [(speed, 0.0), (0.0, 0.0)]
             if is_fixed:
-                effect = hertz_mindlin(E=E, reach=sum(radii), near_radius=radii[1], restitution=e)
-                scene.add(effect, scene.mass(m[:1], x[:1], v[:1]), near=scene.fixed(x[1:]))
+                effect = hertz_mindlin(E=E, contact_distance=sum(radii), wall_radius=radii[1], restitution=e)
+                scene.add(effect, scene.mass(m[:1], x[:1], v[:1]), others=scene.fixed(x[1:]))
             else:
-                scene.add(hertz_mindlin(E=E, reach=2 * np.array(radii), restitution=e), scene.mass(m, x, v))
+                scene.add(hertz_mindlin(E=E, contact_distance=2 * np.array(radii), restitution=e), scene.mass(m, x, v))
             run = scene.problem((0, 3 * duration)).integrate(h=duration / 500, method="rk4", save_every=None)
             after = (0.0 if is_fixed else run.v[-1, 1]) - run.v[-1, 0]
             assert after == pytest.approx(e * speed, rel=1e-2)
@@ -243,14 +247,14 @@ def test_torques_balance_the_moments_of_forces():
     x = np.array([[0, 0, 0], [0.19, 0.02, 0.01], [0.1, 0.16, 0.03]])
     inertia = SPHERE * np.array([1.0, 2.0, 3.0])
     m = M * np.array([1.0, 2.0, 3.0])
-    grains = scene.mass(m, x, rng.normal(size=(3, 3)), inertia=inertia, spin=rng.normal(size=(3, 3)) * 5)
-    scene.add(hertz_mindlin(reach=2 * R * np.array([1.0, 1.02, 0.97]), restitution=0.7), grains)
+    grains = scene.mass(m, x, rng.normal(size=(3, 3)), inertia=inertia, angular_velocity=rng.normal(size=(3, 3)) * 5)
+    scene.add(hertz_mindlin(contact_distance=2 * R * np.array([1.0, 1.02, 0.97]), restitution=0.7), grains)
     problem = scene.problem((0, 1))
     stepper = problem.stepper(h=1e-6, method="rk4")
     stepper.advance(200)
     a = stepper.acceleration(stepper.t + 3e-7, stepper.u, stepper.v)
     forces, torques = a[:9].reshape(3, 3).T * m[:, None], a[9:].reshape(3, 3).T * inertia[:, None]
-    x = grains.of(stepper.u)
+    x = grains.positions(stepper.u)
     size = np.abs(forces).max()
     assert np.abs(torques).max() > 1e-3 * R * size
     np.testing.assert_allclose(forces.sum(axis=0), 0, atol=1e-13 * size)
@@ -264,9 +268,9 @@ def test_friction_is_at_most_mu_times_the_load():
         scene = Scene(2)
         block = scene.mass(M, (0.0, R - np.cos(angle) / 200))
         effect = Block(
-            stiffness=200 * M * 9.81, shear=500.0, reach=R + large, friction=0.4, near_radius=large, loss=6.3
+            stiffness=200 * M * 9.81, shear=500.0, contact_distance=R + large, friction=0.4, wall_radius=large, loss=6.3
         )
-        scene.add(effect, block[None], near=scene.fixed([(0.0, -large)]))
+        scene.add(effect, block[None], others=scene.fixed([(0.0, -large)]))
         scene.add(effects.Gravity((9.81 * np.sin(angle), -9.81 * np.cos(angle))))
         run = scene.problem((0, 0.5)).integrate(h=1e-4, save_every=None)
         expected = 9.81 * (np.sin(angle) - 0.4 * np.cos(angle)) * 0.5
@@ -299,7 +303,7 @@ def test_the_springs_are_a_part_of_the_state(options, tmp_path, monkeypatch):
     parts = problem.integrate(**options, save_every=50, save_to=tmp_path / "parts")
     np.testing.assert_array_equal(parts.u, run.u)
     for skin in (0.01, 0.7):
-        monkeypatch.setattr(swarm, "_SKIN", skin)
+        monkeypatch.setattr(pair_force, "_SKIN", skin)
         np.testing.assert_array_equal(heap().problem((0.0, 0.6)).integrate(**options, save_every=50).u, run.u)
 
 
@@ -350,30 +354,36 @@ def test_grains_that_part_and_meet_again_have_a_new_spring():
     np.testing.assert_allclose(a[4:], 0.0, atol=1e-12)
 
 
-def test_bad_grains_are_refused():
-    for fields, words in (
-        ({"E": 0.0}, "E of HertzMindlin must be positive"),
-        ({"nu": 0.6}, "nu of HertzMindlin must not be above 0.5"),
-        ({"restitution": 0.0}, "restitution of HertzMindlin must be above 0"),
-        ({"friction": -0.1}, "friction of HertzMindlin must not be negative"),
-        ({"near_radius": 1.0}, "near_radius of HertzMindlin must be positive and at most the reach"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            hertz_mindlin(**fields)
+def masses(**options):
     scene = Scene(2)
-    with pytest.raises(ValueError, match="inertia of masses must be positive"):
-        scene.mass(M, (0, 0), inertia=0.0)
-    with pytest.raises(ValueError, match="spin of masses needs their inertia"):
-        scene.mass(M, (0, 0), spin=1.0)
-    with pytest.raises(ValueError, match="nothing spins on a line"):
-        Scene(1).mass(M, 0.0, inertia=1.0)
-    a, b = scene.mass(M, [(0, 0), (1, 0)]), scene.mass(M, [(2, 0), (3, 0)])
-    with pytest.raises(TypeError, match="HertzMindlin takes one array of points"):
-        scene.add(hertz_mindlin(), a, b)
-    with pytest.raises(ValueError, match="near of HertzMindlin must be fixed points"):
-        scene.add(hertz_mindlin(), a, near=b)
-    with pytest.raises(ValueError, match="no mass of the scene has an inertia"):
-        a.angles_of(np.zeros(8))
+    return scene, scene.mass(M, [(0, 0), (1, 0), (2, 0), (3, 0)], **options)
+
+
+def pairs(act):
+    scene, grains = masses()
+    act(scene, grains[:2], grains[2:])
+
+
+BAD_VALUES = {
+    "E of HertzMindlin must be positive": lambda: hertz_mindlin(E=0.0),
+    "nu of HertzMindlin must not be above 0.5": lambda: hertz_mindlin(nu=0.6),
+    "restitution of HertzMindlin must be above 0": lambda: hertz_mindlin(restitution=0.0),
+    "friction of HertzMindlin must not be negative": lambda: hertz_mindlin(friction=-0.1),
+    "wall_radius of HertzMindlin must be positive and at most the contact_distance": lambda: hertz_mindlin(
+        wall_radius=1.0
+    ),
+    "inertia of masses must be positive": lambda: masses(inertia=0.0),
+    "angular_velocity of masses needs their inertia": lambda: masses(angular_velocity=1.0),
+    "nothing spins on a line": lambda: Scene(1).mass(M, 0.0, inertia=1.0),
+    "others of HertzMindlin must be fixed points": lambda: pairs(
+        lambda scene, a, b: scene.add(hertz_mindlin(), a, others=b)
+    ),
+    "no mass of the scene has an inertia": lambda: masses()[1].angles(np.zeros(8)),
+}
+BAD_TYPES = {
+    "HertzMindlin takes one array of points": lambda: pairs(lambda scene, a, b: scene.add(hertz_mindlin(), a, b))
+}
+test_bad_grains = refusals(BAD_VALUES, BAD_TYPES)
 
 
 def test_spin_is_a_degree_of_freedom():
@@ -391,29 +401,31 @@ def test_more_contacts_than_there_is_room_for_are_refused():
     rng = np.random.default_rng(0)
     for room, fits in ((None, False), (60, True)):
         scene = Scene(2)
-        scene.add(hertz_mindlin(E=1e3), scene.mass(M, rng.uniform(0, R, (60, 2)), inertia=SPHERE), room=room)
+        scene.add(
+            hertz_mindlin(E=1e3), scene.mass(M, rng.uniform(0, R, (60, 2)), inertia=SPHERE), neighbor_capacity=room
+        )
         problem = scene.problem((0, 1e-3))
         if fits:
             assert problem.integrate(h=1e-4).success
         else:
-            with pytest.raises(ValueError, match="give room="):
+            with pytest.raises(ValueError, match="give neighbor_capacity="):
                 problem.integrate(h=1e-4)
 
 
 def test_a_column_spreads_as_far_as_measured():
-    """Lube et al. (2004): 1 + 1.6 sqrt(height / radius) times as far, for many grains, to 25 per cent for 2000 spheres.
+    """Lube et al. (2004): 1 + 1.6 sqrt(height / radius) times as far, for many grains, to 25 per cent for 1000 spheres.
 
     It comes to rest, in which a column without friction does not.
     """
     reached = {}
     for friction in (0.5, 0.0):
-        run = problems.sand_column(2000, friction).integrate(h=1e-4, save_every=500)
-        x, y, z = run.u[:, :6000].reshape(-1, 3, 2000).transpose(1, 0, 2)
+        run = problems.sand_column(1000, friction).integrate(h=1e-4, save_every=500)
+        x, y, z = run.u[:, :3000].reshape(-1, 3, 1000).transpose(1, 0, 2)
         r = np.quantile(np.hypot(x, y), 0.99, axis=1)
         reached[friction] = r[-1] / r[0], r[-1] - r[-2]
     slenderness = z[0].max() / r[0]
     assert reached[0.5][0] == pytest.approx(1 + 1.6 * np.sqrt(slenderness), rel=0.25)
-    # the last spheres come to rest at times that round-off changes: then the reach still grows by 2e-5 to 2.5e-3 m
+    # the last spheres come to rest at times that round-off changes: then the run-out grows by 2e-5 to 2.5e-3 m
     assert reached[0.5][1] < 0.1 * reached[0.0][1]
     assert reached[0.0][0] > 1.5 * reached[0.5][0]
 
@@ -422,7 +434,7 @@ def test_a_hopper_empties_at_a_constant_rate():
     """It does not depend on the height of the discs above the opening, as that of a fluid does."""
     counts = {}
     for friction in (0.5, 0.0):
-        run = problems.hopper(800, friction=friction, t_end=0.5).integrate(h=1e-4, save_every=1000)
+        run = problems.hopper(800, friction=friction, t_end=0.3).integrate(h=1e-4, save_every=500)
         counts[friction] = np.diff((run.u[:, 800:1600] < 0).sum(axis=1))
-    np.testing.assert_allclose(counts[0.5][1:], counts[0.5][1:].mean(), rtol=0.15)  # of some 90 discs
-    assert counts[0.5][1:].sum() < 0.8 * counts[0.0][1:].sum()
+    np.testing.assert_allclose(counts[0.5][2:], counts[0.5][2:].mean(), rtol=0.15)  # of some 45 discs
+    assert counts[0.5][2:].sum() < 0.8 * counts[0.0][2:].sum()

@@ -49,7 +49,7 @@ def test_documentation_fits_a_screen():
 def test_public_names_of_every_kind_are_found():
     of_eig3 = {"eig3.integrate", "eig3.ensemble", "eig3.report", "eig3.Solution.at"}
     of_folders = {"eig3.math.sin", "eig3.problems.kepler", "eig3.stability.limit", "eig3.scene.Scene.add"}
-    assert of_eig3 | of_folders | {"eig3.effects.MassContact", "eig3.animation.Mechanism"} <= public_names().keys()
+    assert of_eig3 | of_folders | {"eig3.effects.HertzContact", "eig3.animation.Mechanism"} <= public_names().keys()
 
 
 def test_the_names_that_are_offered_are_the_public_ones():

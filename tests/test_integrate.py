@@ -18,7 +18,7 @@ from eig3 import integrate
 from eig3.result import memory
 from eig3.run.fixed_run import divide
 
-from .conftest import coupled, oscillator, oscillator_vector
+from .conftest import coupled, first_position, oscillator, oscillator_vector, position
 
 PARAMS = (3.0, 0.0)
 
@@ -31,16 +31,6 @@ def oscillate(t_end=10.0, **options):
 @eig3.jit
 def oscillator_energy(t, u, v, p):
     return v * v / 2 + p[0] * p[0] * u * u / 2
-
-
-@eig3.jit
-def position(t, u, v, p):
-    return u
-
-
-@eig3.jit
-def first_position(t, u, v, p):
-    return u[0]
 
 
 # Saved states ------------------------------------------------------------------------------------------------------
@@ -578,8 +568,8 @@ def test_names_must_be_strings(name, options, tmp_path):
         if argument != "events":
             with pytest.raises(TypeError, match=message):
                 eig3.ensemble(oscillator, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=[PARAMS], **{argument: {name: value}})
-    with pytest.raises(TypeError, match="the names in integrals must be strings"):
-        dataclasses.replace(eig3.problems.shear_building(work=True), integrals=(name,))
+    with pytest.raises(TypeError, match="the names in quadratures must be strings"):
+        dataclasses.replace(eig3.problems.shear_building(work=True), quadratures=(name,))
     assert not (tmp_path / "run").exists()
 
 

@@ -14,20 +14,11 @@ from eig3.kernels.compile.interrupt import DeferredInterrupt
 from eig3.stepping import slices
 from eig3.stepping.march import March
 
+from .conftest import harmonic, harmonic_vector
+
 pytestmark = pytest.mark.usefixtures("python_handler")
 
 STEP = 2.0**-10  # exact in binary, so that t = n STEP is exact too
-
-
-@eig3.jit
-def oscillator(t, u, v, p):
-    return -u
-
-
-@eig3.jit
-def oscillators(t, u, v, p, a):
-    for j in range(u.size):
-        a[j] = -u[j]
 
 
 @eig3.jit
@@ -38,8 +29,8 @@ def energy(t, u, v, p):
 @pytest.fixture(autouse=True, scope="module")
 def compiled():
     """The time until Ctrl-C is for the run, not for the compiler."""
-    eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1, invariants={"e": energy})
-    eig3.integrate(oscillators, (0, 1), [1.0], [0.0], h=0.1)
+    eig3.integrate(harmonic, (0, 1), 1.0, 0.0, h=0.1, invariants={"e": energy})
+    eig3.integrate(harmonic_vector, (0, 1), [1.0], [0.0], h=0.1)
 
 
 @pytest.fixture(autouse=True)
@@ -78,7 +69,7 @@ def press(*arguments, **options):
 
 
 def endless(form="scalar", **options):
-    rhs, u0, v0 = (oscillator, 1.0, 0.0) if form == "scalar" else (oscillators, np.ones(2), np.zeros(2))
+    rhs, u0, v0 = (harmonic, 1.0, 0.0) if form == "scalar" else (harmonic_vector, np.ones(2), np.zeros(2))
     return eig3.integrate(rhs, (0, 2**40 * STEP), u0, v0, h=STEP, **{"save_every": 2**30, **options})
 
 
@@ -98,7 +89,7 @@ def test_ctrl_c_raises_with_the_run_up_to_then(form, options):
     assert 0 < run.n_steps < 2**40
     assert run.t[-1] == run.n_steps * STEP
     assert run.n_rhs == 1 + run.n_steps
-    again = eig3.Stepper(oscillator, 1.0, 0.0, h=STEP)
+    again = eig3.Stepper(harmonic, 1.0, 0.0, h=STEP)
     again.advance(run.n_steps)
     np.testing.assert_array_equal(run.u[-1], np.broadcast_to(again.u, run.u[-1].shape))
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -108,7 +99,7 @@ def test_an_interrupt_after_the_last_step_comes_with_the_complete_run(monkeypatc
     run = KeyboardInterrupt()
     monkeypatch.setattr(eig3.Stepper, "note_pace", press)
     with pytest.raises(KeyboardInterrupt) as caught:
-        run = eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=STEP)
+        run = eig3.integrate(harmonic, (0, 1), 1.0, 0.0, h=STEP)
     assert isinstance(run, KeyboardInterrupt)  # nothing was returned
     assert caught.value.solution.status is eig3.Status.COMPLETED
     assert caught.value.solution.t[-1] == 1
@@ -117,14 +108,14 @@ def test_an_interrupt_after_the_last_step_comes_with_the_complete_run(monkeypatc
 def test_an_interrupt_does_not_hide_a_divergence(monkeypatch):
     monkeypatch.setattr(eig3.Stepper, "note_pace", press)
     with pytest.raises(KeyboardInterrupt) as caught:
-        eig3.integrate(oscillator, (0, 1e5), 1.0, 0.0, h=2.5)
+        eig3.integrate(harmonic, (0, 1e5), 1.0, 0.0, h=2.5)
     assert caught.value.solution.status is eig3.Status.DIVERGED
 
 
 def test_a_motion_that_grew_is_not_complete_before_its_growth_is_judged(monkeypatch):
     monkeypatch.setattr(eig3.Stepper, "note_pace", press)
     with pytest.raises(KeyboardInterrupt) as caught:
-        eig3.integrate(oscillator, (0, 210), 1.0, 0.0, h=2.1)
+        eig3.integrate(harmonic, (0, 210), 1.0, 0.0, h=2.1)
     assert caught.value.solution.status is eig3.Status.INTERRUPTED
     assert caught.value.solution.n_steps == 100
 
@@ -132,18 +123,18 @@ def test_a_motion_that_grew_is_not_complete_before_its_growth_is_judged(monkeypa
 def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch):
     monkeypatch.setattr(eig3.stepping.march, "evaluation", press)
     with pytest.raises(KeyboardInterrupt) as caught:
-        eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1)
+        eig3.integrate(harmonic, (0, 1), 1.0, 0.0, h=0.1)
     assert caught.value.solution is None
 
 
-DECAY = eig3.Problem("decay", oscillator, 1.0, 0.0, (), t_span=(0.0, 1.0))
+DECAY = eig3.Problem("decay", harmonic, 1.0, 0.0, (), t_span=(0.0, 1.0))
 WITHOUT_A_RUN = {
     "plan": ("eig3.planning.planner.Pilots", lambda: eig3.plan(DECAY, 1e-3)),
     "fit": ("eig3.fitting.fit.check_places", lambda: eig3.fit(DECAY, ([0.5], [1.0]), "u0", h=0.1)),
     "sensitivities": ("eig3.fitting.sensitivities.check_places", lambda: eig3.sensitivities(DECAY, "u0", h=0.1)),
-    "prepare": ("eig3.run.prepare.remembered", lambda: eig3.prepare(oscillator, h=0.1)),
-    "integrate": ("eig3.run.prepare.remembered", lambda: eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1)),
-    "ensemble": ("eig3.ensembles.run.check_members", lambda: eig3.ensemble(oscillator, (0, 1), [1.0], 0.0, h=0.1)),
+    "prepare": ("eig3.run.prepare.remembered", lambda: eig3.prepare(harmonic, h=0.1)),
+    "integrate": ("eig3.run.prepare.remembered", lambda: eig3.integrate(harmonic, (0, 1), 1.0, 0.0, h=0.1)),
+    "ensemble": ("eig3.ensembles.run.check_members", lambda: eig3.ensemble(harmonic, (0, 1), [1.0], 0.0, h=0.1)),
 }
 
 
@@ -157,8 +148,8 @@ def test_an_interrupt_outside_a_run_has_the_attribute_too(name, monkeypatch):
 
 
 def test_an_interrupt_while_a_file_is_written_has_the_attribute_too(monkeypatch, tmp_path):
-    one = eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1)
-    many = eig3.ensemble(oscillator, (0, 1), [1.0], 0.0, h=0.1)
+    one = eig3.integrate(harmonic, (0, 1), 1.0, 0.0, h=0.1)
+    many = eig3.ensemble(harmonic, (0, 1), [1.0], 0.0, h=0.1)
     monkeypatch.setattr(np, "savez", press)
     for each in (one, many):
         with pytest.raises(KeyboardInterrupt) as caught:
@@ -173,7 +164,7 @@ def test_problems_hand_on_the_run_with_its_integrals(monkeypatch):
     with pytest.raises(KeyboardInterrupt) as caught:
         problem.integrate(h=1e-3, t_end=0.01)
     assert caught.value.solution.u.shape[1] == np.size(problem.u0)
-    assert set(caught.value.solution.integrals) == set(problem.integrals)
+    assert set(caught.value.solution.quadratures) == set(problem.quadratures)
 
 
 @pytest.mark.usefixtures("ctrl_c_soon")
@@ -211,7 +202,7 @@ def test_an_exception_of_a_handler_is_not_taken_for_one_of_rhs(options):
         endless(**options)
     run = caught.value.solution
     assert run.status is eig3.Status.INTERRUPTED
-    again = eig3.Stepper(oscillator, 1.0, 0.0, h=STEP)
+    again = eig3.Stepper(harmonic, 1.0, 0.0, h=STEP)
     again.advance(run.n_steps)
     assert run.u[-1] == again.u
     assert run.n_steps == 0 or all(drift < 1e-3 for drift in run.drift.values())
@@ -234,7 +225,7 @@ def test_a_handler_that_sets_another_one_is_not_put_back(monkeypatch):
 
     signal.signal(signal.SIGINT, once)
     monkeypatch.setattr(eig3.Stepper, "note_pace", press)
-    assert eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=STEP).success
+    assert eig3.integrate(harmonic, (0, 1), 1.0, 0.0, h=STEP).success
     assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
 
@@ -246,11 +237,11 @@ def test_a_dear_invariant_does_not_delay_the_answer(after_begin):
             e = 0.5 * (e + v)
         return e
 
-    eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1, invariants={"e": dear})
+    eig3.integrate(harmonic, (0, 1), 1.0, 0.0, h=0.1, invariants={"e": dear})
     after_begin(press)
     begin = time.perf_counter()
     with pytest.raises(KeyboardInterrupt) as caught:
-        eig3.integrate(oscillator, (0, 2**20 * STEP), 1.0, 0.0, h=STEP, invariants={"e": dear})
+        eig3.integrate(harmonic, (0, 2**20 * STEP), 1.0, 0.0, h=STEP, invariants={"e": dear})
     assert time.perf_counter() - begin < 10  # the whole run takes half a minute
     assert caught.value.solution.n_steps > 0
 
@@ -332,20 +323,20 @@ def test_cancel_must_be_an_event():
 
 def test_a_long_advance_is_cancelled_with_the_state_of_its_steps():
     cancel = threading.Event()
-    stepper = eig3.Stepper(oscillator, 1.0, 0.0, h=STEP)
+    stepper = eig3.Stepper(harmonic, 1.0, 0.0, h=STEP)
     timer = threading.Timer(0.1, cancel.set)
     timer.start()
     taken = stepper.advance(2**40, cancel=cancel)
     assert 0 < taken == stepper.index < 2**40
     assert not stepper.failed
-    again = eig3.Stepper(oscillator, 1.0, 0.0, h=STEP)
+    again = eig3.Stepper(harmonic, 1.0, 0.0, h=STEP)
     again.advance(taken)
     assert stepper.u == again.u
 
 
 def test_a_second_thread_cannot_use_a_stepper_at_the_same_time():
     cancel = threading.Event()
-    stepper = eig3.Stepper(oscillator, 1.0, 0.0, h=STEP)
+    stepper = eig3.Stepper(harmonic, 1.0, 0.0, h=STEP)
     thread = threading.Thread(target=stepper.advance, args=(2**40,), kwargs={"cancel": cancel})
     try:
         thread.start()

@@ -17,24 +17,10 @@ from eig3.methods import LIBRARY
 from eig3.scene import Scene
 from eig3.stability import amplification_matrix, limit
 
+from .conftest import harmonic, harmonic_vector, position
+
 NOISE = eig3.noise
 WARM = eig3.Langevin(gamma=1.0, temperature=0.5, mass=2.0, seed=3)
-
-
-@eig3.jit
-def spring(t, u, v, p):
-    return -u
-
-
-@eig3.jit
-def springs(t, u, v, p, a):
-    for j in range(u.size):
-        a[j] = -u[j]
-
-
-@eig3.jit
-def displacement(t, u, v, p):
-    return u
 
 
 @eig3.jit
@@ -75,7 +61,7 @@ def by_hand(method, f, u, v, h, n_steps):
 @pytest.mark.parametrize("inline", [False, True])
 def test_the_steps_are_those_of_the_formulas(stream, inline):
     method = eig3.Langevin(gamma=0.7, temperature=0.5, mass=2.0, seed=3, stream=stream)
-    run = eig3.integrate(spring, (0, 20), 1.0, 0.5, h=0.2, method=method, inline=inline)
+    run = eig3.integrate(harmonic, (0, 20), 1.0, 0.5, h=0.2, method=method, inline=inline)
     np.testing.assert_allclose([run.u[-1], run.v[-1]], by_hand(method, np.negative, 1.0, 0.5, 0.2, 100), atol=1e-12)
     assert run.n_rhs == 101
     assert run.notes == ()
@@ -83,11 +69,11 @@ def test_the_steps_are_those_of_the_formulas(stream, inline):
 
 def test_each_degree_of_freedom_has_its_mass_and_its_numbers():
     method = eig3.Langevin(gamma=0.7, temperature=0.5, mass=[0.5, 1.0, 4.0], seed=9)
-    run = eig3.integrate(springs, (0, 20), np.ones(3), np.zeros(3), h=0.2, method=method)
+    run = eig3.integrate(harmonic_vector, (0, 20), np.ones(3), np.zeros(3), h=0.2, method=method)
     expected = by_hand(method, np.negative, np.ones(3), np.zeros(3), 0.2, 100)
     np.testing.assert_allclose([run.u[-1], run.v[-1]], expected, rtol=0, atol=1e-12)
     with pytest.raises(ValueError, match=r"^mass must be a number, or 2 of them for 2 degrees of freedom, not "):
-        eig3.integrate(springs, (0, 20), np.ones(2), np.zeros(2), h=0.2, method=method)
+        eig3.integrate(harmonic_vector, (0, 20), np.ones(2), np.zeros(2), h=0.2, method=method)
 
 
 def test_without_friction_and_noise_it_is_velocity_verlet_of_order_2():
@@ -111,7 +97,7 @@ def test_without_noise_a_damped_oscillation_has_order_2():
     rate = math.sqrt(1 - gamma**2 / 4)
 
     def error(h):
-        run = eig3.integrate(spring, (0, 10), 1.0, 0.0, h=h, method=eig3.Langevin(gamma=gamma))
+        run = eig3.integrate(harmonic, (0, 10), 1.0, 0.0, h=h, method=eig3.Langevin(gamma=gamma))
         wave = np.cos(rate * run.t) + gamma / (2 * rate) * np.sin(rate * run.t)
         return np.abs(run.u - np.exp(-gamma / 2 * run.t) * wave).max()
 
@@ -134,7 +120,7 @@ def test_the_variances_of_an_oscillator_are_those_of_the_theory(Omega):
     m, warm_up, count = 1024, math.ceil(40 / Omega), 1000  # the start is forgotten, except for e^-20
     method = WARM
     span = 0, (warm_up + count) * Omega
-    runs = eig3.ensemble(spring, span, np.zeros(m), 0.0, h=Omega, method=method, save_every=1)
+    runs = eig3.ensemble(harmonic, span, np.zeros(m), 0.0, h=Omega, method=method, save_every=1)
     assert not runs.notes  # it runs in lanes
     variance = method.temperature / method.mass
     covariance = np.diag([variance, variance * (1 - Omega**2 / 4) * Omega**2])
@@ -204,34 +190,34 @@ def test_averages_have_order_2_and_with_large_friction_4(gamma, steps, order):
 
 
 def test_a_run_has_the_same_bits_in_every_way_to_run_it(tmp_path):
-    whole = eig3.integrate(spring, (0, 20), 1.0, 0.0, h=0.125, method=WARM)
-    again = eig3.prepare(spring, h=0.125, method=WARM)((0, 20), 1.0, 0.0)
+    whole = eig3.integrate(harmonic, (0, 20), 1.0, 0.0, h=0.125, method=WARM)
+    again = eig3.prepare(harmonic, h=0.125, method=WARM)((0, 20), 1.0, 0.0)
     np.testing.assert_array_equal(again.u, whole.u)
-    stepper = eig3.Stepper(spring, 1.0, 0.0, h=0.125, method=WARM)
+    stepper = eig3.Stepper(harmonic, 1.0, 0.0, h=0.125, method=WARM)
     for count in (1, 7, 52, 100):
         assert stepper.advance(count) == count
         assert (stepper.u, stepper.v) == (whole.u[stepper.index], whole.v[stepper.index])
-    half = eig3.integrate(spring, (0, 10), 1.0, 0.0, h=0.125, method=WARM)
+    half = eig3.integrate(harmonic, (0, 10), 1.0, 0.0, h=0.125, method=WARM)
     np.testing.assert_array_equal(half.extend(20).v, whole.v)
-    loaded = eig3.load(half.save(tmp_path / "half"), rhs=spring)
+    loaded = eig3.load(half.save(tmp_path / "half"), rhs=harmonic)
     assert loaded.method == WARM
     np.testing.assert_array_equal(loaded.extend(20).u, whole.u)
-    seen = eig3.integrate(spring, (0, 20), 1.0, 0.0, h=0.125, method=WARM, t_eval=whole.t)
+    seen = eig3.integrate(harmonic, (0, 20), 1.0, 0.0, h=0.125, method=WARM, t_eval=whole.t)
     np.testing.assert_array_equal(seen.u, whole.u)
-    watched = eig3.integrate(spring, (0, 20), 1.0, 0.0, h=0.125, method=WARM, events={"zero": eig3.Event(displacement)})
+    watched = eig3.integrate(harmonic, (0, 20), 1.0, 0.0, h=0.125, method=WARM, events={"zero": eig3.Event(position)})
     np.testing.assert_array_equal(watched.u, whole.u)
     assert len(watched.events["zero"].t) == np.sum(whole.u[1:] * whole.u[:-1] < 0)
 
 
 def test_a_method_with_masses_is_loaded(tmp_path):
     method = eig3.Langevin(gamma=1.0, temperature=0.5, mass=np.array([1, 2]), seed=np.int64(4))
-    run = eig3.integrate(springs, (0, 1), np.ones(2), np.zeros(2), h=0.125, method=method)
+    run = eig3.integrate(harmonic_vector, (0, 1), np.ones(2), np.zeros(2), h=0.125, method=method)
     assert eig3.load(run.save(tmp_path / "run")).method == method == eig3.Langevin(1.0, 0.5, (1.0, 2.0), 4)
 
 
 def ends(m, **options):
     options = {"h": 0.125, "method": WARM, **options}
-    return eig3.ensemble(spring, (0, 20), np.linspace(0, 1, 300)[:m], 0.0, **options)
+    return eig3.ensemble(harmonic, (0, 20), np.linspace(0, 1, 300)[:m], 0.0, **options)
 
 
 def test_a_member_has_a_stream_of_its_own_wherever_it_runs():
@@ -250,14 +236,14 @@ def test_a_member_runs_alone_with_its_stream():
     for i in (0, 7, 299):
         method = eig3.Langevin(gamma=1.0, temperature=0.5, mass=2.0, seed=3, stream=i)
         assert whole[i].method == method
-        alone = eig3.integrate(spring, (0, 20), np.linspace(0, 1, 300)[i], 0.0, h=0.125, method=method)
+        alone = eig3.integrate(harmonic, (0, 20), np.linspace(0, 1, 300)[i], 0.0, h=0.125, method=method)
         assert alone.u[-1] == pytest.approx(whole.u[i, -1], abs=1e-12)
 
 
 def test_a_member_keeps_its_bits_without_the_others():
     """A member of an ensemble of one has the stream of the method."""
     method = eig3.Langevin(gamma=1.0, temperature=0.5, mass=2.0, seed=3, stream=7)
-    one = eig3.ensemble(spring, (0, 20), np.linspace(0, 1, 300)[7:8], 0.0, h=0.125, method=method)
+    one = eig3.ensemble(harmonic, (0, 20), np.linspace(0, 1, 300)[7:8], 0.0, h=0.125, method=method)
     np.testing.assert_array_equal(one.u, ends(300).u[7:8])
 
 
@@ -276,9 +262,9 @@ def test_a_member_that_diverges_does_not_change_the_others():
 
 def test_degrees_of_freedom_in_lanes_have_their_masses():
     method = eig3.Langevin(gamma=1.0, temperature=0.5, mass=(0.5, 4.0), seed=3)
-    runs = eig3.ensemble(springs, (0, 20), np.zeros((20, 2)), np.zeros(2), h=0.125, method=method)
+    runs = eig3.ensemble(harmonic_vector, (0, 20), np.zeros((20, 2)), np.zeros(2), h=0.125, method=method)
     assert not runs.notes
-    alone = eig3.integrate(springs, (0, 20), np.zeros(2), np.zeros(2), h=0.125, method=runs[3].method)
+    alone = eig3.integrate(harmonic_vector, (0, 20), np.zeros(2), np.zeros(2), h=0.125, method=runs[3].method)
     np.testing.assert_allclose(runs.u[3, -1], alone.u[-1], rtol=0, atol=1e-12)
 
 
@@ -286,8 +272,8 @@ def test_members_that_do_not_run_in_lanes_have_the_same_streams():
     steps = ends(20, h=np.full(20, 0.125))
     np.testing.assert_allclose(steps.u, ends(20).u, rtol=0, atol=1e-12)
     method, n = eig3.Langevin(gamma=1.0, temperature=0.5, seed=3), 25  # more degrees of freedom than run in lanes
-    many = eig3.ensemble(springs, (0, 5), np.zeros((3, n)), np.zeros(n), h=0.125, method=method)
-    few = eig3.ensemble(springs, (0, 5), np.zeros((3, 2)), np.zeros(2), h=0.125, method=method)
+    many = eig3.ensemble(harmonic_vector, (0, 5), np.zeros((3, n)), np.zeros(n), h=0.125, method=method)
+    few = eig3.ensemble(harmonic_vector, (0, 5), np.zeros((3, 2)), np.zeros(2), h=0.125, method=method)
     np.testing.assert_allclose(many.u[..., :2], few.u, rtol=0, atol=1e-12)
     assert np.unique(many.u[:, -1]).size == 3 * n
 
@@ -295,7 +281,7 @@ def test_members_that_do_not_run_in_lanes_have_the_same_streams():
 def test_members_and_degrees_of_freedom_are_independent():
     """The correlations of 2000 pairs are within 4 standard errors of 1 / sqrt(2000)."""
     method = eig3.Langevin(gamma=1.0, temperature=1.0, seed=1)
-    runs = eig3.ensemble(springs, (0, 20), np.zeros((2001, 2)), np.zeros(2), h=0.25, method=method)
+    runs = eig3.ensemble(harmonic_vector, (0, 20), np.zeros((2001, 2)), np.zeros(2), h=0.25, method=method)
     u = runs.u[:, -1]
     pairs = (u[:-1, 0], u[1:, 0]), (u[:, 0], u[:, 1]), (runs.u[:, -1, 0], runs.v[:, -1, 0])
     assert max(abs(np.corrcoef(*pair)[0, 1]) for pair in pairs) < 4 / math.sqrt(2000)
@@ -307,12 +293,12 @@ def test_members_and_degrees_of_freedom_are_independent():
 
 def test_noise_is_no_divergence_and_an_unstable_step_is_one():
     """From a start of 1e-9 the noise makes a motion of size 1, but nothing is wrong with the step."""
-    assert eig3.integrate(spring, (0, 20), 1e-9, 0.0, h=0.125, method=WARM).success
-    assert eig3.ensemble(spring, (0, 20), np.full(20, 1e-9), 0.0, h=0.125, method=WARM).success.all()
-    unstable = eig3.integrate(spring, (0, 210), 1.0, 0.0, h=2.1, method=WARM)
+    assert eig3.integrate(harmonic, (0, 20), 1e-9, 0.0, h=0.125, method=WARM).success
+    assert eig3.ensemble(harmonic, (0, 20), np.full(20, 1e-9), 0.0, h=0.125, method=WARM).success.all()
+    unstable = eig3.integrate(harmonic, (0, 210), 1.0, 0.0, h=2.1, method=WARM)
     assert unstable.status is eig3.Status.DIVERGED
     assert "critical step" in unstable.message
-    runs = eig3.ensemble(spring, (0, 210), np.ones(20), 0.0, h=2.1, method=WARM)
+    runs = eig3.ensemble(harmonic, (0, 210), np.ones(20), 0.0, h=2.1, method=WARM)
     assert all(status is eig3.Status.DIVERGED for status in runs.status)
 
 
@@ -328,7 +314,7 @@ def test_warming_up_is_no_instability():
     """The energy of many oscillators grows steadily from a cold start, as that of a method that grows weakly does."""
     method = eig3.Langevin(gamma=1e-3, temperature=5.0, seed=3)
     options = {"h": 0.05, "method": method, "invariants": {"energy": energy}}
-    run = eig3.integrate(springs, (0, 200), np.ones(200), np.zeros(200), **options)
+    run = eig3.integrate(harmonic_vector, (0, 200), np.ones(200), np.zeros(200), **options)
     assert run.drift["energy"] > 100  # in 200 s, 18 % of 1000 - 100 J
     assert run.notes == ()
 
@@ -336,13 +322,15 @@ def test_warming_up_is_no_instability():
 def test_noise_is_no_short_period():
     """With much friction, u forgets its place within a few steps of this length, and its path bends in every step."""
     method = eig3.Langevin(gamma=1000.0, temperature=1.0, seed=2)
-    assert eig3.integrate(spring, (0, 103), 0.0, 0.0, h=1.03, method=method).notes == ()
+    assert eig3.integrate(harmonic, (0, 103), 0.0, 0.0, h=1.03, method=method).notes == ()
 
 
 def test_its_limit_is_that_of_verlet():
     assert limit(WARM) == pytest.approx(2, abs=1e-8)
     np.testing.assert_array_equal(amplification_matrix(WARM, 1.5), amplification_matrix("langevin", 1.5))
-    step = eig3.critical_step(springs, np.ones(2), np.zeros(2), method=eig3.Langevin(1.0, 0.5, (1.0, 2.0)), safety=1)
+    step = eig3.critical_step(
+        harmonic_vector, np.ones(2), np.zeros(2), method=eig3.Langevin(1.0, 0.5, (1.0, 2.0)), safety=1
+    )
     assert step.h == pytest.approx(2, rel=1e-6)  # a frequency by differences of f
 
 

@@ -39,7 +39,6 @@ from eig3.kernels.protocol import (
     ZENO,
     Follow,
     Look,
-    LookWithin,
     Span,
     Steps,
     Watch,
@@ -47,7 +46,7 @@ from eig3.kernels.protocol import (
 from eig3.result.memory import aligned
 from eig3.stepping.samples import within_steps
 
-from .conftest import hardening, hardening_chain, oscillator
+from .conftest import falling, first_position, hardening, hardening_chain, harmonic, oscillator, position, velocity
 
 PARAMS = np.array([3.0, 0.1, 2.0])
 
@@ -83,38 +82,13 @@ def half_written(t, u, v, p, out):
 
 
 @eig3.jit
-def falling(t, u, v, p):
-    return -p[0]
-
-
-@eig3.jit
-def height(t, u, v, p):
-    return u
-
-
-@eig3.jit
-def speed(t, u, v, p):
-    return v
-
-
-@eig3.jit
 def bounce(t, u, v, p):
     return u, -p[1] * v
 
 
 @eig3.jit
-def first_is_positive(t, u, v, p):
-    return u[0]
-
-
-@eig3.jit
 def turn(t, u, v, p):
     v[0] = -v[0]
-
-
-@eig3.jit
-def harmonic(t, u, v, p):
-    return -u
 
 
 @eig3.jit
@@ -186,7 +160,7 @@ def look_of(form, n, start, *, work_rows, quantities=(), events=(), times=(), ro
     if formulas is None:
         look = Look(watch, follow)
     else:
-        look = LookWithin(watch, follow, within_steps(values, n, formulas, np.zeros(len(quantities))))
+        look = Look(watch, follow, within_steps(values, n, formulas, np.zeros(len(quantities))))
     return SimpleNamespace(look=look, follow=follow, watch=watch, tally=tally, saved=saved, callbacks=callbacks)
 
 
@@ -398,8 +372,8 @@ def test_nan_becomes_both_extremes_from_its_first_time_on():
 def bouncing(terminal=False, **options):
     """A ball that falls from 1 with g = 8: it hits the floor at t = 0.5 with v = -4, and flies up with v = 2."""
     start = start_of(1.0, 0.0, params=np.array([8.0, 0.5]))
-    event = height, None if terminal else bounce, -1, int(terminal)
-    return FixedRun(eig3.EIG3(), falling, start, 0.03, events=[event], quantities=((speed, 0, -1),), **options)
+    event = position, None if terminal else bounce, -1, int(terminal)
+    return FixedRun(eig3.EIG3(), falling, start, 0.03, events=[event], quantities=((velocity, 0, -1),), **options)
 
 
 def test_states_at_events_are_followed():
@@ -467,7 +441,7 @@ def test_quantities_at_wanted_times_widen_nothing():
 def test_vectors_are_reset_and_followed():
     """u = -sin(t) in the first degree of freedom, turned at 0: abs(u), of which both extremes are known."""
     start = start_of([-0.5, 0.3], [np.sqrt(0.75), 0.0])
-    event = first_is_positive, turn, 1, 0
+    event = first_position, turn, 1, 0
     method = eig3.CentralDifference(velocity="none")
     run = FixedRun(method, pair, start, 0.01, 1, 300, quantities=((ends, 2, -1),), events=[event])
     plain = FixedRun(method, pair, start, 0.01, 1, 300)
@@ -501,7 +475,7 @@ def hardening_and_friction(t, u, v, p):
 
 def test_extremes_within_steps_of_variable_length():
     """u = cos(t), and u v = -sin(2 t) / 2: their extremes are known, and steps end elsewhere."""
-    quantities = (height, 0, -1), (product, 0, -1)
+    quantities = (position, 0, -1), (product, 0, -1)
     run = VariableRun("rk5", harmonic, start_of(1.0, 0.0), 10.0, 1e-6, 1, 400, quantities=quantities)
     plain = VariableRun("rk5", harmonic, start_of(1.0, 0.0), 10.0, 1e-6, 1, 400)
     assert run.ended == plain.ended == AT_END
@@ -520,7 +494,7 @@ def test_extremes_within_steps_of_variable_length():
 
 def test_variable_steps_save_the_values_before_and_after_a_reset():
     start = start_of(1.0, 0.0, params=np.array([8.0, 0.5]))
-    options = {"quantities": ((speed, 0, -1),), "events": [(height, bounce, -1, 0)]}
+    options = {"quantities": ((velocity, 0, -1),), "events": [(position, bounce, -1, 0)]}
     run = VariableRun("rk5", falling, start, 0.9, 1e-6, 1, 100, **options)
     assert run.ended == AT_END
     t, values = run.t[: run.row], run.saved[0][: run.row, 0]

@@ -14,6 +14,8 @@ from eig3.cli import main
 from eig3.functions.checks import check_method
 from eig3.options import method_name
 
+from .conftest import harmonic
+
 
 def test_names_are_those_of_the_design():
     of_the_article = ["eig3", "cd", "rk2", "rk3", "rk4", "ab2", "ab3"]
@@ -108,18 +110,13 @@ def test_every_label_is_a_name():
         assert check_method(make().label) == make()
 
 
-@eig3.jit
-def spring(t, u, v, p):
-    return -u
-
-
 @pytest.mark.parametrize(
     "label", ["RK8 tol.", "RK8, tolerances", "rk8 tolerances", "RK8 with tolerances", "RK8, rtol 1.0e-06"]
 )
 def test_a_label_with_tolerances_is_a_name_with_rtol_and_is_refused_with_h(label):
-    assert eig3.integrate(spring, (0, 1), 1.0, 0.0, rtol=1e-3, method=label).method == eig3.RK8()
+    assert eig3.integrate(harmonic, (0, 1), 1.0, 0.0, rtol=1e-3, method=label).method == eig3.RK8()
     with pytest.raises(ValueError, match=r"belongs to a run with tolerances: give rtol in place of h, or method='rk8'"):
-        eig3.integrate(spring, (0, 1), 1.0, 0.0, h=0.1, method=label)
+        eig3.integrate(harmonic, (0, 1), 1.0, 0.0, h=0.1, method=label)
 
 
 @pytest.mark.parametrize(

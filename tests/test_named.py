@@ -13,6 +13,8 @@ import eig3
 from eig3.functions.layout import Layout
 from eig3.kernels.compile.numba_internals import compile_results
 
+from .conftest import position
+
 H = {"h": 0.01}
 RTOL = {"rtol": 1e-8}
 KINDS = {"fixed": H, "tolerances": RTOL, "inline": {**H, "inline": True}, "ab3": {**H, "method": "ab3"}}
@@ -42,11 +44,6 @@ def energy(t, u, v, p):
 @eig3.jit
 def force(t, u, v, p, out):
     out[0], out[1] = p.k * u, p.c * v
-
-
-@eig3.jit
-def height(t, u, v, p):
-    return u
 
 
 @eig3.jit
@@ -92,14 +89,14 @@ def test_a_run_has_the_bits_of_one_with_an_array(options, make):
 
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 def test_events_invariants_and_outputs_have_the_names_too(options):
-    given = {"events": {"floor": eig3.Event(height, -1, apply=bounce)}, "invariants": {"energy": energy}}
+    given = {"events": {"floor": eig3.Event(position, -1, apply=bounce)}, "invariants": {"energy": energy}}
     run = eig3.integrate(
         spring,
         (0, 3),
         1.0,
         0.0,
         params=Spring(4.0, 0.5, 1),
-        outputs={"force": (force, 2), "u": height},
+        outputs={"force": (force, 2), "u": position},
         **given,
         **options,
     )
@@ -147,7 +144,7 @@ def test_what_the_force_reads_is_known():
 
 def make_problem(**changes):
     params = Spring(4.0, 0.1, 1)._replace(**changes)
-    events = {"middle": eig3.Event(height)}
+    events = {"middle": eig3.Event(position)}
     return eig3.Problem("spring", spring, 1.0, 0.0, params, (0.0, 3.0), energy=energy, events=events)
 
 
@@ -179,7 +176,7 @@ def test_a_problem(options, tmp_path):
         rhs=spring,
         outputs={"force": (force, 2)},
         invariants={"energy": energy},
-        events={"middle": eig3.Event(height)},
+        events={"middle": eig3.Event(position)},
     )
     for each in (loaded, other):
         np.testing.assert_array_equal(each.extend(4.0).u, run.extend(4.0).u)

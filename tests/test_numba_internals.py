@@ -429,28 +429,29 @@ def test_a_function_at_an_address_that_is_called_by_another_function():
         assert numba.njit(lambda address: function_at(address)(3.0, 0.5))(address_of(result)) == 6.5
 
 
-def test_an_address_of_this_process(memory):
-    """It is that of a jitted function, whose type says which. Code with it is not kept: the next process has others."""
+def test_the_jitted_function_of_a_type():
+    with probe("The type of a jitted function has no `dispatcher`"):
+        inner = numba.njit(double)
+        assert internals.jitted_of(numba.typeof(inner)) is inner
 
-    @intrinsic
-    def address(typingctx, function):
-        place = address_of(result_of(internals.jitted_of(function), float64))
 
-        def codegen(context, builder, signature, args):
-            return internals.address_of_this_process(context, builder, place)
-
-        return int64(function), codegen
-
-    inner, double_at = numba.njit(double), at_an_address(internals.CompiledFunction(float64(float64)))
-
-    def outer(x):
-        return double_at(address(inner))(x)
-
-    outer = cached(outer)
-    with probe("`add_dynamic_addr` of the target context does not give an address, or its code is kept"):
-        with pytest.warns(numba.NumbaWarning, match="dynamic globals"):
-            assert outer(1.5) == 3.0
+def test_code_with_an_address_of_this_process_is_not_kept(memory):
+    size = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(abs)  # the next process has another address
+    with probe("The library of a compile result does not say by `has_dynamic_globals` that it has addresses"):
+        assert cached(lambda x: size(x))(-3.0) == 3.0
         assert not memory.kept
+
+
+def test_the_numbers_of_functions_begin_at_random():
+    def number():
+        name = result_of(numba.njit(double), float64).fndesc.mangled_name
+        return int(re.search(r"B\d+v(\d+)", name)[1])
+
+    with probe("The symbols of machine code have no number from `FunctionIdentity._unique_ids`"):
+        first = number()
+        assert number() == first + 1
+        internals._number_functions()
+        assert abs(number() - first) > 10
 
 
 def test_cells():
@@ -591,19 +592,15 @@ class Memory:
     def save(self, key, data):
         self.kept[key] = data
 
-    def flush(self):
-        self.kept.clear()
-
 
 class MemoryCache(internals.DiskCache):
     memory, world = Memory(), "a world"
 
-    def open_files(self, folder, name, source_stamp):
-        self.place = folder, name, source_stamp
-        self.failures = []
+    def open_files(self, folder):
+        self.folder, self.failures = folder, []
         return self.memory
 
-    def more_of_key(self):
+    def find_key(self):
         return self.world
 
     def failed(self, what, error):
@@ -611,8 +608,8 @@ class MemoryCache(internals.DiskCache):
 
 
 def cached(function):
-    with probe("Numba's FunctionCache has no `_impl` with `filename_base` and `locator`, or no `cache_path`"):
-        jitted, cache = numba.njit(function), MemoryCache(function)
+    with probe("Numba's FunctionCache has no `cache_path`"):
+        jitted, cache = numba.njit(function), MemoryCache(function, str)
     internals.set_cache(jitted, cache)
     return jitted
 
@@ -623,13 +620,37 @@ def memory(monkeypatch):
     return MemoryCache.memory
 
 
+def test_kept_code_calls_its_own_copies(memory):
+    """Otherwise it would call the copy that its process loaded first, which may round differently."""
+
+    def middle(x):
+        return np.sort(x)[1]
+
+    kept, by_numba = cached(middle), numba.njit(middle)
+    copied = {name: "linkonce_odr" in linkages(f) for name, f in (("kept", kept), ("by Numba", by_numba))}
+    with probe("A code library does not compile the linkage that `_finalize_final_module` gives its functions"):
+        assert copied == {"kept": False, "by Numba": True}
+        assert kept(np.array([3.0, 1.0, 2.0])) == 2.0
+
+    @numba.njit
+    def caller(x):
+        return kept(x)
+
+    with probe("A code library does not link what is in `_shared_module`"):
+        assert caller(np.array([3.0, 1.0, 2.0])) == 2.0
+
+
+def linkages(function):
+    """How the functions in the code of a function of a vector are linked."""
+    lines = internals.optimised_code(result_of(function, VECTOR)).splitlines()
+    return {line.split()[1] for line in lines if line.startswith("define ")}
+
+
 def test_what_a_cache_knows_of_its_function(memory):
     cache = internals.cache_of(cached(double))
-    with probe("`filename_base`, `cache_path` or the source stamp of Numba's FunctionCache has another meaning"):
-        folder, name, source_stamp = cache.place
-        assert folder.is_dir()
-        assert name.startswith(f"{Path(__file__).stem}.double-{double.__code__.co_firstlineno}.py3")
-        assert source_stamp == MemoryCache(called_at).place[2]
+    with probe("`cache_path` of Numba's FunctionCache has another meaning"):
+        assert cache.folder.is_dir()
+        assert cache.folder == MemoryCache(called_at, str).folder
 
 
 def test_code_is_kept_and_loaded(memory, monkeypatch):
@@ -651,11 +672,18 @@ def test_code_is_kept_and_loaded(memory, monkeypatch):
         monkeypatch.setattr(MemoryCache, "world", "another world")
         assert compiled()
         assert len(memory.kept) == 2
-    with probe("`recompile` of a jitted function does not flush `_cache_file`"):
+        monkeypatch.setattr(MemoryCache, "world", "")  # nothing is known of the function: it is not kept
+        assert compiled()
+        assert compiled()
+        assert len(memory.kept) == 2
+        monkeypatch.setattr(MemoryCache, "world", "a world")
+    with probe("`recompile` of a jitted function does not compile it, or its cache has no `flush`"):
         function = cached(double)
         function(3.0)
         function.recompile()
-        assert len(memory.kept) == 1
+        assert function(3.0) == 6.0
+    with probe("A cache does not keep the description of a compile result"):
+        assert internals.cache_of(function).description.startswith("CompileResult")
 
 
 def test_errors_of_a_cache(memory, monkeypatch):
@@ -675,7 +703,7 @@ def test_a_function_without_a_folder():
     exec("def nowhere(x):\n    return x", namespace)
     other_words = "Numba does not say `no locator available` if a function has no folder for its cache"
     with probe(other_words), pytest.raises(internals.NoFolderError):
-        MemoryCache(namespace["nowhere"])
+        MemoryCache(namespace["nowhere"], str)
 
 
 def test_whose_cache_a_function_has(memory):

@@ -5,15 +5,10 @@ import pytest
 
 import eig3
 
-from .conftest import spring
+from .conftest import position, spring
 
 RUN = {"rhs": spring, "t_span": (0, 1), "u0": 1.0, "v0": 0.0, "params": (1.0,), "h": 0.1}
 NEVER = 10**30  # beyond any count of 64 bits
-
-
-@eig3.jit
-def displacement(t, u, v, p):
-    return u
 
 
 @eig3.jit
@@ -24,7 +19,7 @@ def three(t, u, v, p, out):
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        *(({"events": {"zero": eig3.Event(displacement, apply=x)}}, TypeError, "apply of") for x in (0, "", [])),
+        *(({"events": {"zero": eig3.Event(position, apply=x)}}, TypeError, "apply of") for x in (0, "", [])),
         *(({"method": x}, ValueError, "method must be one of") for x in ("", 0, [])),
         *(
             ({name: x}, TypeError, f"{name} must be True or False")
@@ -44,7 +39,7 @@ def test_integrate_refuses(change, error, message, control):
 @pytest.mark.parametrize("direction", [1 + 0j, True, "1", np.timedelta64(1), None, 2])
 def test_events_refuse_other_directions(direction):
     with pytest.raises(ValueError, match="direction must be -1, 0 or 1"):
-        eig3.Event(displacement, direction=direction)
+        eig3.Event(position, direction=direction)
 
 
 def test_a_count_that_no_run_reaches_saves_the_two_ends():

@@ -7,13 +7,10 @@ import eig3
 from eig3 import integrate, problems
 from eig3.ensembles import lanewise
 
+from .conftest import linear_spring, position
+
 H, END = 0.01, 8.0  # 800 steps, two periods or more
 K = 3.0
-
-
-@eig3.jit
-def spring(t, u, v, p):
-    return -p[0] * u
 
 
 @eig3.jit
@@ -78,7 +75,7 @@ def quarter(t, u, v, p):
 
 
 def swing(**options):
-    return integrate(spring, (0.0, END), 1.0, 0.0, **{"h": H, "params": K, **options})
+    return integrate(linear_spring, (0.0, END), 1.0, 0.0, **{"h": H, "params": K, **options})
 
 
 def swing_two(**options):
@@ -124,16 +121,11 @@ def test_extremes_are_those_of_every_step(save_every, chunk, monkeypatch):
 
 def test_extremes_of_an_oscillation():
     """u = cos(w t): the first minimum is -1 at pi / w, and it is found at the step nearest to it."""
-    extremes = swing(save_every=None, method="rk4", outputs={"u": displacement}).extremes["u"]
+    extremes = swing(save_every=None, method="rk4", outputs={"u": position}).extremes["u"]
     w = np.sqrt(K)
     assert extremes.t_low == pytest.approx(np.pi / w, abs=H) or extremes.t_low == pytest.approx(3 * np.pi / w, abs=H)
     assert extremes.low == pytest.approx(-1, abs=(w * H) ** 2)  # a step away, the cosine has changed by (w h)^2 / 2
     assert (extremes.high, extremes.t_high) == (1.0, 0.0)
-
-
-@eig3.jit
-def displacement(t, u, v, p):
-    return u
 
 
 def test_nan_stays_with_the_time_of_the_first():
@@ -157,22 +149,17 @@ def test_a_value_that_is_not_written_later_is_nan():
 
 @pytest.mark.parametrize("save_every", [1, 7, None])
 def test_a_run_that_diverges_has_outputs_up_to_its_last_state(save_every):
-    run = integrate(grows_fast, (0, 3000), 1.0, 0.0, h=1.0, save_every=save_every, outputs={"f": quarter})
+    run = integrate(position, (0, 3000), 1.0, 0.0, h=1.0, save_every=save_every, outputs={"f": quarter})
     assert run.status is eig3.Status.DIVERGED
     np.testing.assert_array_equal(run.outputs["f"], run.u / 4)
     members = eig3.ensemble(
-        grows_fast, (0, 3000), [1.0, 0.5], 0.0, h=1.0, save_every=save_every, outputs={"f": quarter, "k": (forces, 3)},
+        position, (0, 3000), [1.0, 0.5], 0.0, h=1.0, save_every=save_every, outputs={"f": quarter, "k": (forces, 3)},
         params=K,
     )  # fmt: skip
     for member in members:
         assert member.status is eig3.Status.DIVERGED
         np.testing.assert_array_equal(member.outputs["f"], member.u / 4)
         np.testing.assert_array_equal(member.outputs["k"][:, 1], member.v)
-
-
-@eig3.jit
-def grows_fast(t, u, v, p):
-    return u
 
 
 def test_an_output_that_raises_ends_the_run():
@@ -189,7 +176,7 @@ def test_an_output_that_raises_ends_the_run():
 
 def ensemble(**options):
     u0 = np.linspace(0.5, 1.5, 40)
-    return eig3.ensemble(spring, (0.0, END), u0, 0.0, **{"h": H, "params": K, **options})
+    return eig3.ensemble(linear_spring, (0.0, END), u0, 0.0, **{"h": H, "params": K, **options})
 
 
 def ensemble_of_two(m=40, **options):
@@ -220,7 +207,7 @@ def test_members_have_the_outputs_of_runs_alone(save_every, h):
     assert one.extremes["all"].t_high.shape == (40, 3)
     for i in (0, 17, 39):
         step = np.broadcast_to(h, 40)[i]
-        alone = integrate(spring, (0, END), one.u[i, 0], 0.0, h=step, params=K, **scalar)
+        alone = integrate(linear_spring, (0, END), one.u[i, 0], 0.0, h=step, params=K, **scalar)
         assert_same_outputs(one[i], alone)
         alone = integrate(springs, (0, END), two.u[i, 0], [0.0, 0.2], h=step, params=K, **vector)
         assert_same_outputs(two[i], alone)
@@ -269,14 +256,14 @@ def first_position(t, u, v, p):
 
 def test_a_problem_that_follows_the_work_has_outputs():
     problem = problems.quarter_car(work=True)
-    assert problem.integrals == ("work",)
+    assert problem.quadratures == ("work",)
     options = {"h": 1e-3, "t_end": 0.5, "save_every": 10, "outputs": {"first": first_position}}
     run = problem.integrate(**options)
     np.testing.assert_array_equal(run.outputs["first"], run.u[:, 0])
     assert set(run.extremes) == {"energy", "first"}
     members = problem.ensemble(params=np.array([problem.params] * 3), **options)
     np.testing.assert_array_equal(members[1].outputs["first"], members[1].u[:, 0])
-    assert members[1].integrals.keys() == run.integrals.keys()
+    assert members[1].quadratures.keys() == run.quadratures.keys()
 
 
 @eig3.jit

@@ -7,7 +7,7 @@ import pytest
 
 import eig3
 
-from .conftest import oscillator, position, velocity
+from .conftest import oscillator, position, rebound, velocity
 
 P = np.array([3.0, 0.05])
 SPAN = 0.0, 2.0
@@ -28,11 +28,6 @@ def force(t, u, v, p):
 @eig3.jit
 def late(t, u, v, p):
     return t - 1.75
-
-
-@eig3.jit
-def rebound(t, u, v, p):
-    return u, -0.5 * v
 
 
 #: The events by the option that asks for them: one that only looks, one that resets the state, one that ends the run.

@@ -22,17 +22,12 @@ from eig3.ensembles.parts import Joined, Listed, parts_of
 from eig3.kernels.protocol import SCALAR, VECTOR
 from eig3.stepping.options import run_options
 
-from .conftest import BLOCKS
+from .conftest import BLOCKS, linear_spring
 from .test_pools import output
 
 MEMBERS = 1000  # that is 8 parts: 7 of 128 members, and one of 104
 STIFFNESS = np.linspace(1.0, 4.0, MEMBERS)[:, None]
 ARRAYS = ("t", "u", "v", "h", "n_steps", "n_rhs", "n_iterations", "n_rejected", "status", "message", "params")
-
-
-@eig3.jit
-def spring(t, u, v, p):
-    return -p[0] * u
 
 
 @eig3.jit
@@ -69,7 +64,7 @@ def power(t, u, v, p, a):
 
 
 def free(**options):
-    return eig3.ensemble(spring, (0, 10), 1.0, 0.0, **{"h": 0.01, "params": STIFFNESS, **options})
+    return eig3.ensemble(linear_spring, (0, 10), 1.0, 0.0, **{"h": 0.01, "params": STIFFNESS, **options})
 
 
 def assert_same(solution, expected):
@@ -78,7 +73,7 @@ def assert_same(solution, expected):
         np.testing.assert_array_equal(getattr(solution, name), getattr(expected, name), err_msg=name)
     for name, found in solution.events.items():
         np.testing.assert_equal(vars(found), vars(expected.events[name]))
-    for name in ("drift", "extremes", "integrals"):
+    for name in ("drift", "extremes", "quadratures"):
         np.testing.assert_equal(getattr(solution, name), getattr(expected, name))
     for i in (0, 127, 128, len(solution) - 1):
         np.testing.assert_array_equal(solution[i].t, expected[i].t)
@@ -170,21 +165,25 @@ def test_the_parts_of_a_reduced_solution_explain_too():
 
 def test_problems_with_integrals(threads):
     problem = eig3.Problem(
-        name="power", rhs=power, integrals=("work",), u0=[1.0], v0=[0.0], params=(1.0,), t_span=(0.0, 10.0)
+        name="power", rhs=power, quadratures=("work",), u0=[1.0], v0=[0.0], params=(1.0,), t_span=(0.0, 10.0)
     )
     expected = problem.ensemble(h=0.01, params=STIFFNESS, save_every=10)
     assert_same(problem.ensemble(h=0.01, params=STIFFNESS, save_every=10, executor=threads), expected)
     parts = problem.ensemble(
-        h=0.01, params=STIFFNESS, save_every=10, executor=threads, reduce=lambda part: (part.u, part.integrals["work"])
+        h=0.01,
+        params=STIFFNESS,
+        save_every=10,
+        executor=threads,
+        reduce=lambda part: (part.u, part.quadratures["work"]),
     )
     u, work = (np.concatenate(each) for each in zip(*parts, strict=True))
     np.testing.assert_array_equal(u, expected.u)
-    np.testing.assert_array_equal(work, expected.integrals["work"])
+    np.testing.assert_array_equal(work, expected.quadratures["work"])
 
 
 def test_the_integrals_of_a_member_that_diverges_end_with_it():
     problem = eig3.Problem(
-        name="power", rhs=power, integrals=("work",), u0=[1.0], v0=[0.0], params=(1.0,), t_span=(0.0, 200.0)
+        name="power", rhs=power, quadratures=("work",), u0=[1.0], v0=[0.0], params=(1.0,), t_span=(0.0, 200.0)
     )
     stiffness = [[1.0], [-10.0]]  # the motion of the second overflows
     member = problem.ensemble(h=0.1, params=stiffness, save_every=7)[1]
@@ -194,7 +193,7 @@ def test_the_integrals_of_a_member_that_diverges_end_with_it():
     for values, expected in (
         (member.t, alone.t),
         (member.u, alone.u),
-        (member.integrals["work"], alone.integrals["work"]),
+        (member.quadratures["work"], alone.quadratures["work"]),
     ):
         np.testing.assert_allclose(values, expected, rtol=1e-11)  # some thousand operations of 1e-16
 
@@ -383,7 +382,7 @@ def test_memory_does_not_grow_with_the_members():
     seen.clear()
     gc.disable()
     tracemalloc.start()
-    peaks, sizes = zip(*eig3.ensemble(spring, (0, 500), 1.0, 0.0, **options, params=SLOW["params"]), strict=True)
+    peaks, sizes = zip(*eig3.ensemble(linear_spring, (0, 500), 1.0, 0.0, **options, params=SLOW["params"]), strict=True)
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     gc.enable()
@@ -397,7 +396,7 @@ def test_memory_does_not_grow_with_the_members():
 def test_the_division_depends_on_the_ensemble_only():
     def sizes(m, n_steps, save_every=None, n=None):
         start = (1.0, 0.0) if n is None else (np.ones(n), np.zeros(n))
-        rhs = spring if n is None else springs
+        rhs = linear_spring if n is None else springs
         members = check_members(rhs, (0, n_steps), *start, np.ones((m, 1)), 1.0)
         parts = parts_of(members, run_options(h=1.0, save_every=save_every))
         assert [part.first for part in parts] == list(np.cumsum([0, *map(len, parts)])[:-1])

@@ -27,7 +27,7 @@ def sheared(x, v, of_all_pairs=False, **contact):
     dimension = x.shape[1]
     scene = Scene(dimension, box=BOX[:dimension], shear=SHEAR)
     points = scene.mass(1.0, x, v)
-    contact = effects.MassContact(**{"stiffness": STIFFNESS, "reach": REACH, "damping": DAMPING, **contact})
+    contact = effects.HertzContact(**{"stiffness": STIFFNESS, "contact_distance": REACH, "damping": DAMPING, **contact})
     if of_all_pairs:
         i, j = np.triu_indices(len(x), 1)
         scene.add(contact, points[i], points[j])
@@ -104,9 +104,9 @@ def test_a_lattice_in_the_flow_stays_in_it():
     n = 4
     x = np.stack(np.divmod(np.arange(n * n), n), axis=1) * BOX[:2] / n
     v = np.column_stack([SHEAR * x[:, 1], 0 * x[:, 1]])
-    scene, points = sheared(x, v, reach=1.0)
+    scene, points = sheared(x, v, contact_distance=1.0)
     run = scene.problem((0.0, 2.0)).integrate(h=1e-3, save_every=500)
-    for t, u in zip(run.t, points.of(run.u), strict=True):
+    for t, u in zip(run.t, points.positions(run.u), strict=True):
         np.testing.assert_allclose(u, x + t * v, rtol=0, atol=1e-9)
 
 
@@ -116,13 +116,13 @@ def test_momentum_is_kept_and_the_work_is_that_of_the_images():
     scene, points = sheared(x, v, damping=0.0)
     scene.add(effects.LinearSpring(5.0, 0.3), points[:6], points[6:12])
     scene.add(effects.LinearDamper(0.5), points[:6], points[12:18])
-    scene.add(effects.MassContact(STIFFNESS, 0.5, damping=0.2), points[:12], near=points[12:])
+    scene.add(effects.HertzContact(STIFFNESS, 0.5, damping=0.2), points[:12], others=points[12:])
     problem = scene.problem((0.0, 0.5), work=True)
     runs = [problem.integrate(h=h, method="rk4", save_every=None) for h in (2e-3, 5e-4)]
-    assert abs(runs[1].integrals["work"][-1]) > 1
+    assert abs(runs[1].quadratures["work"][-1]) > 1
     assert runs[1].drift["energy"] < 1e-4
     assert runs[1].drift["energy"] < 0.1 * runs[0].drift["energy"]
-    momentum = points.of(runs[0].v).sum(axis=1)
+    momentum = points.velocities(runs[0].v).sum(axis=1)
     np.testing.assert_allclose(momentum[-1], momentum[0], rtol=0, atol=1e-10)
 
 
@@ -130,7 +130,7 @@ def test_momentum_is_kept_and_the_work_is_that_of_the_images():
 def test_a_link_on_a_line_acts_across_the_border(length):
     """The masses at 0.1 m and 9.9 m of a box of 10 m are 0.2 m apart."""
     scene = Scene(1, box=(10.0,))
-    scene.add(effects.LinearSpring(100.0, length=length), scene.mass(1.0, 0.1), scene.mass(2.0, 9.9))
+    scene.add(effects.LinearSpring(100.0, rest_length=length), scene.mass(1.0, 0.1), scene.mass(2.0, 9.9))
     problem = scene.problem((0, 1))
     pull = 100 * (0.2 - length)
     found = acceleration(problem, 0.0, problem.u0, problem.v0, problem.params)
@@ -144,7 +144,7 @@ def test_a_row_on_a_line_oscillates_as_a_ring():
     scene = Scene(1, box=(float(n),))
     wave = 1e-3 * np.cos(2 * np.pi * q * np.arange(n) / n)
     ring = scene.mass(1.0, np.arange(n) + wave)
-    scene.add(effects.LinearSpring(stiffness, length=1.0), ring, ring[(np.arange(n) + 1) % n])
+    scene.add(effects.LinearSpring(stiffness, rest_length=1.0), ring, ring[(np.arange(n) + 1) % n])
     period = np.pi / (np.sqrt(stiffness) * np.sin(np.pi * q / n))
     run = scene.problem((0.0, period)).integrate(rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(run.u[-1], run.u[0], rtol=0, atol=1e-9)
@@ -153,7 +153,7 @@ def test_a_row_on_a_line_oscillates_as_a_ring():
 
 def test_a_box_without_shear_has_no_code_for_it():
     scene = Scene(2, box=(3.0, 3.0))
-    scene.add(effects.MassContact(STIFFNESS, REACH), scene.mass(1.0, flowing(2)[0]))
+    scene.add(effects.HertzContact(STIFFNESS, REACH), scene.mass(1.0, flowing(2)[0]))
     source = inspect.getsource(scene.problem((0, 1)).rhs.py_func)
     assert not any(word in source for word in ("turns", "image"))
 
@@ -173,4 +173,4 @@ def test_errors(act, message):
 
 
 def _near_fixed(scene):
-    scene.add(effects.MassContact(STIFFNESS, REACH), scene.mass(1.0, [(0.0, 0.0)]), near=scene.fixed([(1.0, 0.0)]))
+    scene.add(effects.HertzContact(STIFFNESS, REACH), scene.mass(1.0, [(0.0, 0.0)]), others=scene.fixed([(1.0, 0.0)]))

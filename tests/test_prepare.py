@@ -2,6 +2,7 @@
 
 import copy
 import ctypes
+import gc
 import pickle
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +14,7 @@ import eig3
 from eig3 import problems
 from eig3.run import short
 
-from .conftest import oscillator, oscillator_vector
+from .conftest import bounce, first_position, oscillator, oscillator_vector, position, velocity
 from .test_extend import assert_same
 
 SPAN, P = (0.0, 1.0), np.array([3.0, 0.1])
@@ -26,23 +27,8 @@ def energy(t, u, v, p):
 
 
 @eig3.jit
-def first(t, u, v, p):
-    return u[0]
-
-
-@eig3.jit
-def position(t, u, v, p):
-    return u
-
-
-@eig3.jit
 def both(t, u, v, p, out):
     out[0], out[1] = u, v
-
-
-@eig3.jit
-def rebound(t, u, v, p):
-    return u, -0.9 * v
 
 
 KINDS = {
@@ -63,11 +49,13 @@ def python_calls(function):
 
     for _ in range(3):  # the first runs compile, and measure the time of a step
         function()
+    gc.disable()  # it calls functions of other packages
     sys.setprofile(profile)
     try:
         function()
     finally:
         sys.setprofile(None)
+        gc.enable()
     return count - 1
 
 
@@ -81,7 +69,7 @@ def always_short(monkeypatch):
 def test_a_prepared_run_makes_few_python_calls(kind, always_short):
     rhs, options, u0, v0 = KINDS[kind]
     prepared = eig3.prepare(rhs, **options)
-    most = 28 if "rtol" in options else 23  # with tolerances, the kernel is called once more for the last step
+    most = 26 if "rtol" in options else 23  # with tolerances, the kernel is called once more for the last step
     assert python_calls(lambda: prepared(SPAN, u0, v0, P)) <= most
 
 
@@ -96,7 +84,7 @@ FOLLOWED = {
 @pytest.mark.parametrize("options", [{"h": 0.01}, {"rtol": 1e-6}], ids=["h", "rtol"])
 def test_integrate_makes_few_python_calls(options, followed, always_short):
     options = {**options, **FOLLOWED[followed], "params": P}
-    most = 90 if followed == "plain" else 140
+    most = 85 if followed == "plain" else 140  # 79 in a new process
     assert python_calls(lambda: eig3.integrate(oscillator, SPAN, 1.0, 0.0, **options)) <= most
 
 
@@ -107,18 +95,18 @@ OPTIONS = {
     "times": {"t_eval": np.linspace(0.0, 1.0, 7)},
     "outputs": {"outputs": {"u": position, "both": (both, 2)}, "invariants": {"energy": energy}},
     "events": {
-        "events": {"zero": eig3.Event(position, apply=rebound)},
+        "events": {"zero": eig3.Event(position, apply=bounce)},
         "outputs": {"both": (both, 2)},
         "save_every": 3,
     },
     "terminal": {"events": {"zero": eig3.Event(position, terminal=True)}},
     "terminal with a reset": {
-        "events": {"zero": eig3.Event(position, apply=rebound, terminal=True)},
+        "events": {"zero": eig3.Event(position, apply=bounce, terminal=True)},
         "outputs": {"both": (both, 2)},
         "save_every": 3,
     },
     "terminal at times": {
-        "events": {"zero": eig3.Event(position, apply=rebound, terminal=True)},
+        "events": {"zero": eig3.Event(position, apply=bounce, terminal=True)},
         "outputs": {"both": (both, 2)},
         "t_eval": np.linspace(0.0, 1.0, 7),
     },
@@ -152,7 +140,9 @@ def test_it_has_the_numbers_of_integrate(kind):
 
 
 def test_threads_share_a_prepared_run():
-    prepared = eig3.prepare(oscillator_vector, h=1e-3, invariants={"first": first}, outputs={"u": first})
+    prepared = eig3.prepare(
+        oscillator_vector, h=1e-3, invariants={"first": first_position}, outputs={"u": first_position}
+    )
     starts = [U * (1 + k) for k in range(40)]
     with ThreadPoolExecutor(8) as pool:
         runs = [*pool.map(lambda u0: prepared((0.0, 2.0), u0, V, P), starts)]
@@ -173,7 +163,7 @@ def test_integrals_are_those_of_the_problem():
     problem = problems.shear_building(work=True)
     prepared = problem.prepare(h=2.0**-10)
     run, whole = prepared((0.0, 0.125)), problem.integrate(h=2.0**-10, t_end=0.125)
-    np.testing.assert_array_equal(run.integrals["work"], whole.integrals["work"])
+    np.testing.assert_array_equal(run.quadratures["work"], whole.quadratures["work"])
     assert run.u.shape[1] == np.size(problem.u0)
 
 
@@ -244,7 +234,7 @@ def test_all_uses_of_a_method_share_three_kernels(kind):
     """One for bare runs, one that follows quantities, one that searches too: each takes seconds to compile, once."""
     rhs, steps, u0, v0 = KINDS[kind]
     of_vector = np.ndim(u0) > 0
-    height = first if of_vector else position
+    height = first_position if of_vector else position
     uses = [
         {},
         {"save_every": None},
@@ -260,11 +250,6 @@ def test_all_uses_of_a_method_share_three_kernels(kind):
         prepared(SPAN, u0, v0, P)
         kernels.update(kernel.call for kernel in prepared._system.kernels.values())
     assert len(kernels) == 3
-
-
-@eig3.jit
-def speed(t, u, v, p):
-    return v
 
 
 @pytest.fixture
@@ -285,7 +270,7 @@ def change():
         given["t_eval"][:] = [0.3, 0.9]
         given["events"] |= {"wall": given["events"].pop("zero")}
         given["invariants"].clear()
-        given["outputs"]["v"] = speed
+        given["outputs"]["v"] = velocity
 
     return given, make
 

@@ -6,17 +6,12 @@ import pytest
 import eig3
 from eig3 import problems
 
-from .conftest import spring
+from .conftest import first_position, spring
 
 
 @eig3.jit
 def springs(t, u, v, p, a):
     a[0], a[1] = -p[0] * u[0], -p[1] * u[1]
-
-
-@eig3.jit
-def height(t, u, v, p):
-    return u[0]
 
 
 def test_a_changed_copy_runs_with_the_changes():
@@ -68,7 +63,7 @@ def test_what_still_holds_is_kept():
 def test_a_copy_with_work_follows_the_work():
     problem = problems.rail_joint(t_end=0.01, work=True)
     moved = problem.with_(v0=problem.v0 + 0.1).integrate(h=problem.h, save_every=None)
-    assert set(moved.integrals) == {"work"}
+    assert set(moved.quadratures) == {"work"}
     assert moved.u.shape == (2, 4)
 
 
@@ -113,7 +108,7 @@ def test_a_stepper_refuses_events_that_change_the_motion():
 def test_arrays_that_change_later_do_not_matter():
     """Those of the caller: the problem and its runs have their own."""
     given = {"u0": np.array([0.6, 0.1]), "v0": [0.0, 0.5], "params": np.array([4.0, 9.0]), "t_span": [0.0, 1.0]}
-    given |= {"events": {"low": eig3.Event(height)}, "outputs": {"height": height}}
+    given |= {"events": {"low": eig3.Event(first_position)}, "outputs": {"height": first_position}}
     problem = eig3.Problem("springs", springs, **given)
     run, before = problem.prepare(h=0.01), problem.integrate(h=0.01)
     for name in ("u0", "v0", "params", "t_span"):

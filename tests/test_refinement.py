@@ -21,8 +21,17 @@ def numbers(pattern, text):
     return [float(x) for x in re.search(pattern, text).groups()]
 
 
-@pytest.mark.parametrize(("method", "h"), [("eig3", 0.01), ("rk4", 0.1), ("rk8", 0.5)])
-@pytest.mark.parametrize("options", [{}, {"save_every": None}, {"save_every": 7}, {"t_eval": np.linspace(0, 10, 33)}])
+@pytest.mark.parametrize(
+    ("method", "h", "options"),
+    [
+        ("eig3", 0.01, {}),
+        ("eig3", 0.01, {"save_every": None}),
+        ("eig3", 0.01, {"save_every": 7}),
+        ("eig3", 0.01, {"t_eval": np.linspace(0, 10, 33)}),
+        ("rk4", 0.1, {}),
+        ("rk8", 0.5, {}),
+    ],
+)
 def test_a_smooth_run_shows_the_order_of_its_method(method, h, options):
     solution = eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, h=h, method=method, **options)
     text = solution.explain(check=True)

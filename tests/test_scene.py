@@ -19,22 +19,22 @@ from eig3.effects import (
     Gravity,
     HardeningSpring,
     HarmonicForce,
+    HertzContact,
     LinearDamper,
     LinearSpring,
     Link,
-    MassContact,
     Motion,
     PlaneContact,
     QuadraticDrag,
     RotatingFrame,
     SampledMotion,
     SofteningSpring,
-    StVenantKirchhoffTriangle,
+    StVenantKirchhoffMembrane,
     SupportMotion,
 )
 from eig3.scene import Scene, codegen
 
-from .conftest import acceleration, shaken
+from .conftest import acceleration, refusals, shaken
 
 
 def code(problem):
@@ -160,7 +160,7 @@ def test_the_pendulum_is_the_polar_one(method, order):
         ours = problem.integrate(h=h, method=method)
         polar = problems.spring_pendulum(t_end=5.0).integrate(h=h, method=method)
         r, theta = polar.u.T
-        apart.append(np.abs(bob.of(ours.u) - np.column_stack([r * np.sin(theta), -r * np.cos(theta)])).max())
+        apart.append(np.abs(bob.positions(ours.u) - np.column_stack([r * np.sin(theta), -r * np.cos(theta)])).max())
         drifts.append(ours.drift["energy"])
     assert apart[0] / apart[1] == pytest.approx(2**order, rel=0.2)
     assert apart[1] < (1e-2 if order == 2 else 1e-6)
@@ -188,7 +188,7 @@ def test_springs_give_tables_2_and_3_of_the_article(table, effect, method, h, en
     assert ours.drift["energy"] == pytest.approx(entry.recomputed, rel=0.02)
     assert ours.n_rhs == theirs.n_rhs
     # round-off, which the instability of AB2 and RK2 amplifies at the longest steps
-    np.testing.assert_allclose(mass.of(ours.u), theirs.u, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(mass.positions(ours.u), theirs.u, rtol=0, atol=1e-6)
 
 
 def free_net():
@@ -197,12 +197,12 @@ def free_net():
     net = scene.mass(rng.uniform(0.5, 2, (6, 5)), rng.standard_normal((6, 5, 3)), rng.standard_normal((6, 5, 3)))
     for a, b in ((net[:-1], net[1:]), (net[:, :-1], net[:, 1:])):
         scene.add(HardeningSpring(3.0, 0.1, 0.5), a, b)
-    scene.add(MassContact(50.0, 0.8), net[0, 0], net[5, 4])
+    scene.add(HertzContact(50.0, 0.8), net[0, 0], net[5, 4])
     return scene, net
 
 
 def momenta(net, masses, solution):
-    x, v = net.of(solution.u), net.of(solution.v)
+    x, v = net.positions(solution.u), net.velocities(solution.v)
     p = masses[..., None] * v
     return p.sum(axis=(1, 2)), np.cross(x, p).sum(axis=(1, 2))
 
@@ -214,10 +214,10 @@ def test_forces_between_masses_add_up_to_zero(damped):
         scene.add(LinearDamper(0.4), net[:-1, :-1], net[1:, 1:])
     problem = scene.problem((0.0, 1.0))
     masses = scene._cloud().masses.reshape(6, 5)
-    a = net.of(acceleration(problem, problem.u0, problem.v0)) * masses[..., None]
+    a = net.velocities(acceleration(problem, problem.u0, problem.v0)) * masses[..., None]
     size = np.abs(a).sum()
     assert np.abs(a.sum(axis=(0, 1))).max() < 1e-15 * size
-    assert np.abs(np.cross(net.of(problem.u0), a).sum(axis=(0, 1))).max() < 1e-14 * size
+    assert np.abs(np.cross(net.positions(problem.u0), a).sum(axis=(0, 1))).max() < 1e-14 * size
 
 
 @pytest.mark.parametrize("method", ["eig3", "cd", "rk4", "ab3"])
@@ -262,7 +262,7 @@ def test_the_balance_of_a_damped_and_driven_scene(method, order):
     runs = [problem.integrate(h=h, method=method) for h in (4e-3, 2e-3)]
     drifts = [run.drift["energy"] for run in runs]
     assert drifts[0] / drifts[1] > 0.8 * 2**order
-    energy, work = (problem.energy_of(runs[1].u, runs[1].v, runs[1].t), runs[1].integrals["work"])
+    energy, work = (problem.energy_of(runs[1].u, runs[1].v, runs[1].t), runs[1].quadratures["work"])
     assert np.ptp(energy - work) == pytest.approx(drifts[1], rel=1.0)  # of saved states, from their own mean
     assert abs(work[-1]) > 1
     without = scene.problem((0.0, 3.0)).integrate(h=2e-3, method=method)
@@ -270,7 +270,7 @@ def test_the_balance_of_a_damped_and_driven_scene(method, order):
     tolerance = 1e-10 if method == "cd" else 0.0
     np.testing.assert_allclose(runs[1].u, without.u, rtol=0, atol=tolerance)
     np.testing.assert_allclose(runs[1].v, without.v, rtol=0, atol=tolerance)
-    assert without.integrals == {}
+    assert without.quadratures == {}
 
 
 def damped_mass(work=True):
@@ -282,17 +282,17 @@ def damped_mass(work=True):
 
 def test_the_work_is_apart_from_the_degrees_of_freedom():
     problem, mass = damped_mass()
-    assert problem.integrals == ("work",)
+    assert problem.quadratures == ("work",)
     assert np.size(problem.u0) == 1
     solution = problem.integrate(h=1e-3, method="rk4", save_every=100)
     assert solution.u.shape == solution.v.shape == (11, 1)
-    assert solution.integrals["work"].shape == (11,)
+    assert solution.quadratures["work"].shape == (11,)
     speed = 3.0 / (1 + 0.25 * 3.0 * solution.t)  # exact: v' = -(drag / m) v^2
-    np.testing.assert_allclose(mass.of(solution.v), speed, rtol=1e-12)
-    np.testing.assert_allclose(solution.integrals["work"], speed**2 - 9, rtol=1e-10)
+    np.testing.assert_allclose(mass.velocities(solution.v), speed, rtol=1e-12)
+    np.testing.assert_allclose(solution.quadratures["work"], speed**2 - 9, rtol=1e-10)
     np.testing.assert_allclose(problem.energy_of(solution.u, solution.v), speed**2, rtol=1e-12)
     pickled = pickle.loads(pickle.dumps(solution))
-    np.testing.assert_array_equal(pickled.integrals["work"], solution.integrals["work"])
+    np.testing.assert_array_equal(pickled.quadratures["work"], solution.quadratures["work"])
 
 
 def test_a_problem_with_work_runs_without_it_too():
@@ -315,7 +315,7 @@ def test_a_failed_run_keeps_the_work_apart_too():
     with pytest.raises(eig3.IntegrationError) as caught:
         problem.integrate(h=0.5, raise_on_failure=True)
     assert caught.value.solution.u.shape[1] == 2
-    assert caught.value.solution.integrals["work"].size == len(caught.value.solution.t)
+    assert caught.value.solution.quadratures["work"].size == len(caught.value.solution.t)
 
 
 # Many links
@@ -339,19 +339,19 @@ def all_pairs(effect, n):
 @pytest.mark.parametrize("n", [20, 100, 400])
 def test_all_pairs_of_discs_have_code_of_bounded_length(n):
     """Two forms of loop in each function, whatever n, and the forces of a sum over all pairs by NumPy."""
-    scene, discs = all_pairs(MassContact(1e3, 1.0), n)
+    scene, discs = all_pairs(HertzContact(1e3, 1.0), n)
     problem = scene.problem((0.0, 1.0))
     for function in (problem.rhs, problem.energy):
         text = inspect.getsource(inspect.unwrap(function.py_func))
         assert text.count("for ") <= 4 * 2 + 2
         assert len(text.splitlines()) < 110
-    x = discs.of(problem.u0)
+    x = discs.positions(problem.u0)
     d = x[None] - x[:, None]
     r = np.sqrt((d**2).sum(axis=-1)) + np.eye(n)
     push = 1e3 * np.maximum(0, 1 - r) ** 1.5
     force = (-(push / r)[..., None] * d).sum(axis=1)
     energy = 0.4 * 1e3 * (np.maximum(0, 1 - r) ** 2.5).sum() / 2
-    found = discs.of(acceleration(problem, problem.u0, problem.v0)) * np.linspace(1.0, 2.0, n)[:, None]
+    found = discs.velocities(acceleration(problem, problem.u0, problem.v0)) * np.linspace(1.0, 2.0, n)[:, None]
     # sums of a few terms of size 10
     np.testing.assert_allclose(found, force, rtol=0, atol=1e-12)
     assert problem.energy_of(problem.u0, problem.v0) == pytest.approx(energy, rel=1e-12)
@@ -398,13 +398,15 @@ def test_a_far_pair_is_skipped_before_its_square_root():
         depths = [len(line) - len(line.lstrip()) for line in lines]
         for k, line in enumerate(lines):
             if "r = sqrt(" in line:
-                yield next(lines[m] for m in range(k, 0, -1) if depths[m] < depths[k]).split(" mass_contact")[0].strip()
+                yield (
+                    next(lines[m] for m in range(k, 0, -1) if depths[m] < depths[k]).split(" hertz_contact")[0].strip()
+                )
 
     near = "if square <"
-    elastic = all_pairs(MassContact(1e3, 1.0), 30)[0].problem((0.0, 1.0))
+    elastic = all_pairs(HertzContact(1e3, 1.0), 30)[0].problem((0.0, 1.0))
     assert list(roots(elastic.rhs)) == ["for s in range(29):", near]
     assert list(roots(elastic.energy)) == [near, near]
-    damped = all_pairs(MassContact(1e3, 1.0, damping=0.1), 30)[0].problem((0.0, 1.0), work=True)
+    damped = all_pairs(HertzContact(1e3, 1.0, damping=0.1), 30)[0].problem((0.0, 1.0), work=True)
     assert list(roots(damped.rhs)) == ["for s in range(29):", near]
     assert list(roots(damped.rhs.py_func.__globals__["power"])) == [near, near]
 
@@ -431,14 +433,14 @@ def test_supports_with_records_of_their_own_share_code():
     """Few motions have lines of their own and many are computed in the loop over the springs: both move the posts."""
     for n in (2, 30):
         problem, masses, expected = shaken_posts(n)
-        found = masses.of(acceleration(problem, problem.u0, problem.v0, 0.7))
+        found = masses.velocities(acceleration(problem, problem.u0, problem.v0, 0.7))
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
         assert f"{n + 1} x SampledMotion" in problem.note
     more, _, _ = shaken_posts(300)
     assert len(code(more).splitlines()) == len(code(problem).splitlines())
     # to 0.1 %: the error of a step over a jump of a velocity is of first order
     solution = problem.integrate(h=1e-3, method="rk4")
-    assert solution.drift["energy"] < 1e-3 * np.ptp(solution.integrals["work"])
+    assert solution.drift["energy"] < 1e-3 * np.ptp(solution.quadratures["work"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -448,7 +450,7 @@ class Wall(Link):
     push: object
     range: object
 
-    cutoff = "range"
+    cutoff_field = "range"
     nonnegative = ("push",)
 
     @staticmethod
@@ -462,17 +464,17 @@ def test_a_cutoff_is_a_field_of_ones_own_and_each_pair_may_have_another():
     post, masses = scene.fixed((0.0, 0.0)), scene.mass(1.0, [(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)])
     scene.add(Wall([5.0, 6.0, 7.0], [1.5, 1.5, 3.5]), post, masses)
     problem = scene.problem((0.0, 1.0))
-    assert masses.of(acceleration(problem, problem.u0, problem.v0))[:, 0] == pytest.approx([5.0, 0.0, 7.0])
+    assert masses.velocities(acceleration(problem, problem.u0, problem.v0))[:, 0] == pytest.approx([5.0, 0.0, 7.0])
 
 
 def test_a_link_with_a_cutoff_and_one_without_between_the_same_points():
     """A contact and a spring share the loop, and the spring acts beyond the contact's reach."""
     scene = Scene(2)
     a, b = scene.mass(1.0, [(0.0, 0.0), (3.0, 0.0)])
-    scene.add(MassContact(10.0, 1.0), a, b)
+    scene.add(HertzContact(10.0, 1.0), a, b)
     scene.add(LinearSpring(2.0, 1.0), a, b)
     problem = scene.problem((0.0, 1.0))
-    assert a.of(acceleration(problem, problem.u0, problem.v0)).tolist() == [4.0, 0.0]
+    assert a.velocities(acceleration(problem, problem.u0, problem.v0)).tolist() == [4.0, 0.0]
 
 
 # No code for effects that a scene does not have
@@ -504,7 +506,9 @@ def test_another_effect_in_the_library_changes_no_instruction():
         codegen._functions.cache_clear()
         problem, _ = cartesian_pendulum()
         acceleration(problem, problem.u0, problem.v0)
-        assembly = next(iter(problem.rhs.inspect_asm().values()))
+        rhs = eig3.jit(problem.rhs.py_func, cache=False)  # code from the disk has no text
+        rhs(0.0, problem.u0, problem.v0, problem.params, np.empty(problem.u0.size))
+        assembly = next(iter(rhs.inspect_asm().values()))
         return [line for line in assembly.splitlines() if "_ZN" not in line]  # names contain a counter
 
     before = instructions()
@@ -572,42 +576,44 @@ def test_handles_are_sliced_and_read_like_arrays():
     assert len(net) == 2
     assert net[0, ::2].shape == (2,)
     problem = scene.problem((0.0, 1.0))
-    assert one.of(problem.u0).tolist() == [1.0, 2.0]
-    assert one.of(problem.v0).tolist() == [3.0, 4.0]
-    np.testing.assert_array_equal(net.of(problem.u0), np.arange(12.0).reshape(2, 3, 2))
-    np.testing.assert_array_equal(net[1].of(np.stack([problem.u0] * 4)), [np.arange(6.0, 12.0).reshape(3, 2)] * 4)
-    np.testing.assert_array_equal([point.of(problem.u0) for point in net[0]], np.arange(6.0).reshape(3, 2))
-    assert post.of(problem.u0).tolist() == [9.0, 9.0]
+    assert one.positions(problem.u0).tolist() == [1.0, 2.0]
+    assert one.velocities(problem.v0).tolist() == [3.0, 4.0]
+    np.testing.assert_array_equal(net.positions(problem.u0), np.arange(12.0).reshape(2, 3, 2))
+    np.testing.assert_array_equal(
+        net[1].positions(np.stack([problem.u0] * 4)), [np.arange(6.0, 12.0).reshape(3, 2)] * 4
+    )
+    np.testing.assert_array_equal([point.positions(problem.u0) for point in net[0]], np.arange(6.0).reshape(3, 2))
+    assert post.positions(problem.u0).tolist() == [9.0, 9.0]
     assert post.velocities(problem.v0).tolist() == [0.0, 0.0]
     assert one.velocities(problem.v0).tolist() == [3.0, 4.0]
     with pytest.raises(ValueError, match="no mass of the scene has an inertia"):
-        post.angles_of(problem.u0)
+        post.angles(problem.u0)
 
 
 def test_a_mesh_has_positions_and_velocities_at_fixed_points_too():
     """A support that a motion moves is where it is at the times that are given."""
     scene = Scene(2)
     points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)])
-    sheet = StVenantKirchhoffTriangle(E=10.0, nu=0.3, thickness=0.1)
+    sheet = StVenantKirchhoffMembrane(E=10.0, nu=0.3, thickness=0.1)
     mesh = scene.add_mesh(points, [(0, 1, 2), (1, 3, 2)], sheet, density=1.0, fixed=[0, 1])
     scene.add(SupportMotion(shaken, (0.0, 2.0)), mesh[1])
     run = scene.problem((0.0, 1.0)).integrate(h=0.01)
     for still in (mesh[0], mesh[[0]], mesh[0][None, None]):
-        assert still.of(run.u).shape == (101, *still.shape, 2)
-        assert not still.of(run.u).any()
-    free = mesh[[2, 3]].of(run.u)
-    np.testing.assert_array_equal(mesh[[2, 0]].of(run.u)[:, 0], free[:, 0])
-    x, v = mesh.of(run.u, run.t), mesh.velocities(run.v, run.t)
+        assert still.positions(run.u).shape == (101, *still.shape, 2)
+        assert not still.positions(run.u).any()
+    free = mesh[[2, 3]].positions(run.u)
+    np.testing.assert_array_equal(mesh[[2, 0]].positions(run.u)[:, 0], free[:, 0])
+    x, v = mesh.positions(run.u, run.t), mesh.velocities(run.v, run.t)
     np.testing.assert_array_equal(x[:, [2, 3]], free)
-    np.testing.assert_array_equal(v[:, [2, 3]], mesh[[2, 3]].of(run.v))
+    np.testing.assert_array_equal(v[:, [2, 3]], mesh[[2, 3]].velocities(run.v))
     np.testing.assert_allclose(x[:, 1], np.column_stack([1 + 0 * run.t, 0.2 * np.sin(3 * run.t)]), rtol=1e-14)
     np.testing.assert_allclose(v[:, 1], np.column_stack([0 * run.t, 0.6 * np.cos(3 * run.t)]), rtol=1e-14)
-    np.testing.assert_array_equal(mesh.of(run.u[-1], run.t[-1]), x[-1])
-    np.testing.assert_array_equal(mesh.of([run.u, run.u], run.t), [x, x])
+    np.testing.assert_array_equal(mesh.positions(run.u[-1], run.t[-1]), x[-1])
+    np.testing.assert_array_equal(mesh.positions([run.u, run.u], run.t), [x, x])
     with pytest.raises(ValueError, match=r"^t must be given for points that a motion moves"):
-        mesh.of(run.u)
+        mesh.positions(run.u)
     with pytest.raises(ValueError, match=r"^t must have the shape \(101,\) of the states, not \(3,\)"):
-        mesh.of(run.u, [0.0, 0.5, 1.0])
+        mesh.positions(run.u, [0.0, 0.5, 1.0])
 
 
 def test_a_problem_is_the_scene_as_it_was():
@@ -627,7 +633,7 @@ def test_each_may_have_its_own_parameters():
     scene.add(HarmonicForce([(1.0, 0.0), (0.0, 2.0), (3.0, 3.0)], 0.0))
     scene.add(Gravity([(0.0, 1.0), (0.0, 2.0)]), masses[1:])
     problem = scene.problem((0.0, 1.0))
-    found = masses.of(acceleration(problem, problem.u0, problem.v0))
+    found = masses.velocities(acceleration(problem, problem.u0, problem.v0))
     assert found.tolist() == [[1.0, 0.0], [0.0, 2.0], [0.75, 2.75]]
 
 
@@ -758,7 +764,11 @@ def test_a_length_of_0_may_be_among_others():
     masses = scene.mass(1.0, [(0.0, 0.0), (0.0, 0.0), (2.0, 0.0)])
     scene.add(LinearSpring(1.0, [0.0, 0.5]), masses[:-1], masses[1:])
     problem = scene.problem((0.0, 1.0))
-    assert masses.of(acceleration(problem, problem.u0, problem.v0)).tolist() == [[0.0, 0.0], [1.5, 0.0], [-1.5, 0.0]]
+    assert masses.velocities(acceleration(problem, problem.u0, problem.v0)).tolist() == [
+        [0.0, 0.0],
+        [1.5, 0.0],
+        [-1.5, 0.0],
+    ]
 
 
 def test_the_plan_is_the_same_with_work():
@@ -796,7 +806,7 @@ def test_an_effect_with_an_array_of_its_own():
     scene.add(SampledForce([1.0, 3.0, 5.0], 0.5, (0.0, 2.0)))
     scene.add(SampledForce([10.0], 1.0, (1.0, 0.0)), masses[1])
     problem = scene.problem((0.0, 1.0))
-    found = [masses.of(acceleration(problem, problem.u0, problem.v0, t)).tolist() for t in (0.0, 0.6, 9.0)]
+    found = [masses.velocities(acceleration(problem, problem.u0, problem.v0, t)).tolist() for t in (0.0, 0.6, 9.0)]
     assert found == [[[0, 2.0], [5.0, 1.0]], [[0, 6.0], [5.0, 3.0]], [[0, 10.0], [5.0, 5.0]]]
     with pytest.raises(ValueError, match="interval of SampledForce must not be negative"):
         SampledForce([1.0], -0.5, (1.0, 0.0))
@@ -833,7 +843,7 @@ class Longer(LinearSpring):
 class NoField(Link):
     strength: float
 
-    cutoff = "distance"
+    cutoff_field = "distance"
 
     @staticmethod
     @eig3.jit
@@ -960,121 +970,77 @@ def coincident():
     scene.add(LinearSpring(1.0, 0.5), *scene.mass(1.0, np.zeros((2, 3))))
 
 
-BAD = {
-    "no dimension": (lambda: Scene(4), ValueError, "dimension must be 1, 2 or 3, not 4."),
-    "mass 0": (lambda: Scene(1).mass(0.0, 0.0), ValueError, "m of masses must be positive and finite, not 0.0."),
-    "mass below 0": (lambda: Scene(1).mass([1, -2], [0.0, 1.0]), ValueError, "m of masses must be positive.*-2.0."),
-    "masses and places": (
-        lambda: Scene(1).mass([1, 2, 3], [0.0, 1.0]),
-        ValueError,
-        "m of masses must have the shape .2,. of",
+BAD_VALUES = {
+    "dimension must be 1, 2 or 3, not 4.": lambda: Scene(4),
+    "m of masses must be positive and finite, not 0.0.": lambda: Scene(1).mass(0.0, 0.0),
+    "m of masses must be positive.*-2.0.": lambda: Scene(1).mass([1, -2], [0.0, 1.0]),
+    "m of masses must have the shape .2,. of": lambda: Scene(1).mass([1, 2, 3], [0.0, 1.0]),
+    "must have 2 components each": lambda: Scene(2).mass(1.0, (1.0, 2.0, 3.0)),
+    "position of masses must be finite.": lambda: Scene(2).mass(1.0, (1.0, math.nan)),
+    "the scene has no mass": lambda: Scene(2).problem((0, 1)),
+    "LinearSpring joins two fixed points": lambda: fixed_ends(LinearSpring(1.0)),
+    "LinearSpring joins a point to itself.": lambda: on_two(LinearSpring(1.0), 0, 0),
+    "LinearSpring has no direction where its ends coincide": coincident,
+    "HertzContact has no direction where its ends coincide": lambda: (
+        lambda scene: scene.add(HertzContact(1.0, 0.5), *scene.mass(1.0, np.zeros((2, 2))))
+    )(Scene(2)),
+    "LinearSpring was given ends of shapes .2, 1. and .2,.; give one shape, or one point for all": lambda: (
+        lambda scene: scene.add(LinearSpring(1.0), scene.mass(1.0, [[0.0], [1.0]]), scene.fixed([2.0, 3.0]))
+    )(Scene(1)),
+    "LinearSpring was given points of another scene.": strangers,
+    "velocity of masses must have 2 components": lambda: Scene(2).mass(1.0, (0.0, 0.0), 5.0),
+    "velocity of masses must have the": lambda: Scene(1).mass(1.0, [0.0, 1.0], [1.0, 2.0, 3.0]),
+    "rest_length of LinearSpring must not be neg": lambda: on_two(LinearSpring(1.0, -1.0), 0, 1),
+    "values must have 4 degrees of freedom on the last axis": lambda: two()[1].positions(np.zeros(7)),
+    "values must have 4 degrees of freedom": lambda: two()[1].positions(3.0),
+    "range of Wall must not be negative": lambda: on_two(Wall(1.0, -1.0), 0, 1),
+    "name it in the class's vectors": lambda: on_two(Forced(pushed, (1.0, 2.0, 3.0)), 0),
+    "QuadraticDrag acts on masses": lambda: with_fixed(QuadraticDrag(1.0)),
+    "SampledMotion moves fixed points, but was given masses": lambda: on_two(
+        SampledMotion([0, 1], [0, 1], (1.0, 0.0)), 0
     ),
-    "place": (lambda: Scene(2).mass(1.0, (1.0, 2.0, 3.0)), ValueError, "must have 2 components each"),
-    "NaN": (lambda: Scene(2).mass(1.0, (1.0, math.nan)), ValueError, "position of masses must be finite."),
-    "nothing": (lambda: Scene(2).problem((0, 1)), ValueError, "the scene has no mass"),
-    "all fixed": (lambda: fixed_ends(LinearSpring(1.0)), ValueError, "LinearSpring joins two fixed points"),
-    "itself": (lambda: on_two(LinearSpring(1.0), 0, 0), ValueError, "LinearSpring joins a point to itself."),
-    "coincident": (coincident, ValueError, "LinearSpring has no direction where its ends coincide"),
-    "touching": (
-        lambda: (lambda scene: scene.add(MassContact(1.0, 0.5), *scene.mass(1.0, np.zeros((2, 2)))))(Scene(2)),
-        ValueError,
-        "MassContact has no direction where its ends coincide",
-    ),
-    "net": (
-        lambda: (lambda scene: scene.add(LinearSpring(1.0), scene.mass(1.0, [[0.0], [1.0]]), scene.fixed([2.0, 3.0])))(
-            Scene(1)
-        ),
-        ValueError,
-        "LinearSpring was given ends of shapes .2, 1. and .2,.; give one shape, or one point for all",
-    ),
-    "complex": (lambda: on_two(Pulling(imaginary), 0, 1), TypeError, "tension of Pulling must return a number here"),
-    "reserved": (lambda: on_two(Pulling(3.0), 0, 1), TypeError, "decorate it with @eig3.jit, and no field may"),
-    "undirected": (lambda: with_fixed(Undirected(1.0)), TypeError, "Undirected must have a field direction, and vec"),
-    "strings": (lambda: on_two(Stringy((1.0, 2.0))), TypeError, "vectors of Stringy must be a tuple of names"),
-    "one point": (lambda: len(two()[1][0]), TypeError, "a single point has no length"),
-    "strangers": (strangers, ValueError, "LinearSpring was given points of another scene."),
-    "one end": (
-        lambda: on_two(LinearSpring(1.0), 0),
-        TypeError,
-        "has no cutoff, so that it needs two arguments of points",
-    ),
-    "no handle": (
-        lambda: Scene(1).add(LinearSpring(1.0), 0, 1),
-        TypeError,
-        "LinearSpring acts on Points of a scene, not on int.",
-    ),
-    "list": (lambda: Scene(1).add(LinearSpring(1.0), [0], 1), TypeError, "not on list: index an array of points"),
-    "speed": (lambda: Scene(2).mass(1.0, (0.0, 0.0), 5.0), ValueError, "velocity of masses must have 2 components"),
-    "speeds": (lambda: Scene(1).mass(1.0, [0.0, 1.0], [1.0, 2.0, 3.0]), ValueError, "velocity of masses must have the"),
-    "length": (lambda: on_two(LinearSpring(1.0, -1.0), 0, 1), ValueError, "length of LinearSpring must not be neg"),
-    "values": (lambda: two()[1].of(np.zeros(7)), ValueError, "values must have 4 degrees of freedom on the last axis"),
-    "time": (lambda: two()[1].of(3.0), ValueError, "values must have 4 degrees of freedom"),
-    "scalar force": (lambda: on_two(Forced(one)), TypeError, "force of Forced must return a tuple of 2 numbers here"),
-    "force in space": (lambda: on_two(Forced(three)), TypeError, "force of Forced must return a tuple of 2 numbers"),
-    "failing force": (lambda: on_two(Forced(failing)), TypeError, "force of Forced does not compile: .*index out of"),
-    "no force": (lambda: on_two(Forced(None)), TypeError, "Forced must have a function force or acceleration."),
-    "no dataclass": (lambda: on_two(Plain()), TypeError, "Plain must be a dataclass: decorate it with @dataclass"),
-    "undecorated": (
-        lambda: Undecorated(3.0),
-        TypeError,
-        "Undecorated must be a dataclass: decorate it with @dataclass",
-    ),
-    "longer": (lambda: Longer(3.0, extra=1.0), TypeError, "Longer must be a dataclass: decorate it with @dataclass"),
-    "cutoff": (lambda: on_two(NoField(1.0), 0, 1), TypeError, "cutoff of NoField must be the name of a field"),
-    "negative cutoff": (lambda: on_two(Wall(1.0, -1.0), 0, 1), ValueError, "range of Wall must not be negative"),
-    "taken name": (lambda: on_two(Timed(1.0)), TypeError, "Timed must rename its field t: force has an argument"),
-    "vector": (lambda: on_two(Forced(pushed, (1.0, 2.0, 3.0)), 0), ValueError, "name it in the class's vectors"),
-    "class": (lambda: Scene(1).add(Gravity), TypeError, "effect must be an effect with parameters.* not Gravity."),
-    "gravity of a post": (lambda: with_fixed(QuadraticDrag(1.0)), ValueError, "QuadraticDrag acts on masses"),
-    "motion of a mass": (
-        lambda: on_two(SampledMotion([0, 1], [0, 1], (1.0, 0.0)), 0),
-        ValueError,
-        "SampledMotion moves fixed points, but was given masses",
-    ),
-    "components": (lambda: on_two(Gravity((1.0, 2.0, 3.0))), ValueError, "field of Gravity must have 2 components"),
-    "number": (lambda: on_two(Gravity(9.81)), ValueError, "field of Gravity must have 2 components, not a number."),
-    "dimension": (
-        lambda: two(1)[0].add(RotatingFrame(1.0)),
-        ValueError,
-        "RotatingFrame needs a scene of 2 or 3 dimensions, not 1.",
-    ),
-    "too many": (lambda: on_two(LinearSpring([1, 2, 3]), 0, 1), ValueError, "stiffness of LinearSpring has the shape"),
-    "too many for all": (
-        lambda: (lambda scene: (scene.add(QuadraticDrag([1, 2, 3])), scene.problem((0, 1))))(two()[0]),
-        ValueError,
-        "drag of QuadraticDrag has the shape",
-    ),
-    "not finite": (
-        lambda: on_two(LinearSpring(math.inf), 0, 1),
-        ValueError,
-        "stiffness of LinearSpring must be finite",
-    ),
-    "text": (lambda: on_two(LinearSpring("soft"), 0, 1), TypeError, "stiffness of LinearSpring must be made of real"),
-    "unsorted": (lambda: SampledMotion([0, 2, 1], [0, 0, 0]), ValueError, "times of SampledMotion must increase"),
-    "repeated": (lambda: SampledMotion([0, 1, 1], [0, 0, 0]), ValueError, "times of SampledMotion must increase"),
-    "one sample": (lambda: SampledMotion([0], [0]), ValueError, "times of SampledMotion must hold at least two"),
-    "lengths": (lambda: SampledMotion([0, 1], [0]), ValueError, "values of SampledMotion must have as many samples"),
-    "normal": (lambda: PlaneContact(1.0, (1.0, 1.0)), ValueError, "normal of PlaneContact must be a unit vector."),
-    "slip": (lambda: CoulombFriction(0.1, 1.0, 0.0), ValueError, "slip of CoulombFriction must be positive."),
-    "uncompiled": (lambda: on_two(Uncompiled()), TypeError, "force of Uncompiled must be compiled"),
-    "curious": (
-        lambda: on_two(Curious()),
-        TypeError,
-        "Curious has the argument weather, but can take only t, x, v, m",
-    ),
-    "shapes": (
-        lambda: (lambda scene, m: scene.add(LinearSpring(1.0), m, scene.fixed(np.ones((3, 2)))))(*two()),
-        ValueError,
-        "LinearSpring was given ends of shapes",
-    ),
-    "span": (lambda: two()[0].problem((1.0, 0.0)), ValueError, "t_span must end after it starts"),
+    "field of Gravity must have 2 components": lambda: on_two(Gravity((1.0, 2.0, 3.0))),
+    "field of Gravity must have 2 components, not a number.": lambda: on_two(Gravity(9.81)),
+    "RotatingFrame needs a scene of 2 or 3 dimensions, not 1.": lambda: two(1)[0].add(RotatingFrame(1.0)),
+    "stiffness of LinearSpring has the shape": lambda: on_two(LinearSpring([1, 2, 3]), 0, 1),
+    "drag of QuadraticDrag has the shape": lambda: (
+        lambda scene: (scene.add(QuadraticDrag([1, 2, 3])), scene.problem((0, 1)))
+    )(two()[0]),
+    "stiffness of LinearSpring must be finite": lambda: on_two(LinearSpring(math.inf), 0, 1),
+    "times of SampledMotion must increase": lambda: SampledMotion([0, 2, 1], [0, 0, 0]),
+    "times of SampledMotion must increase.*": lambda: SampledMotion([0, 1, 1], [0, 0, 0]),
+    "times of SampledMotion must hold at least two": lambda: SampledMotion([0], [0]),
+    "values of SampledMotion must have as many samples": lambda: SampledMotion([0, 1], [0]),
+    "normal of PlaneContact must be a unit vector.": lambda: PlaneContact(1.0, (1.0, 1.0)),
+    "regularization_speed of CoulombFriction must be positive.": lambda: CoulombFriction(0.1, 1.0, 0.0),
+    "LinearSpring was given ends of shapes": lambda: (
+        lambda scene, m: scene.add(LinearSpring(1.0), m, scene.fixed(np.ones((3, 2))))
+    )(*two()),
+    "t_span must end after it starts": lambda: two()[0].problem((1.0, 0.0)),
+}
+BAD_TYPES = {
+    "tension of Pulling must return a number here": lambda: on_two(Pulling(imaginary), 0, 1),
+    "decorate it with @eig3.jit, and no field may": lambda: on_two(Pulling(3.0), 0, 1),
+    "Undirected must have a field direction, and vec": lambda: with_fixed(Undirected(1.0)),
+    "vectors of Stringy must be a tuple of names": lambda: on_two(Stringy((1.0, 2.0))),
+    "a single point has no length": lambda: len(two()[1][0]),
+    "has no cutoff, so that it needs two arguments of points": lambda: on_two(LinearSpring(1.0), 0),
+    "LinearSpring acts on Points of a scene, not on int.": lambda: Scene(1).add(LinearSpring(1.0), 0, 1),
+    "not on list: index an array of points": lambda: Scene(1).add(LinearSpring(1.0), [0], 1),
+    "force of Forced must return a tuple of 2 numbers here": lambda: on_two(Forced(one)),
+    "force of Forced must return a tuple of 2 numbers": lambda: on_two(Forced(three)),
+    "force of Forced does not compile: .*index out of": lambda: on_two(Forced(failing)),
+    "Forced must have a function force or acceleration.": lambda: on_two(Forced(None)),
+    "Plain must be a dataclass: decorate it with @dataclass": lambda: on_two(Plain()),
+    "Undecorated must be a dataclass: decorate it with @dataclass": lambda: Undecorated(3.0),
+    "Longer must be a dataclass: decorate it with @dataclass": lambda: Longer(3.0, extra=1.0),
+    "cutoff_field of NoField must be the name of a field": lambda: on_two(NoField(1.0), 0, 1),
+    "Timed must rename its field t: force has an argument": lambda: on_two(Timed(1.0)),
+    "effect must be an effect with parameters.* not Gravity.": lambda: Scene(1).add(Gravity),
+    "stiffness of LinearSpring must be made of real": lambda: on_two(LinearSpring("soft"), 0, 1),
+    "force of Uncompiled must be compiled": lambda: on_two(Uncompiled()),
+    "Curious has the argument weather, but can take only t, x, v, m": lambda: on_two(Curious()),
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_a_bad_scene_raises_an_error_of_one_sentence(name):
-    build, error, sentence = BAD[name]
-    with pytest.raises(error, match=sentence) as caught:
-        build()
-    assert "\n" not in str(caught.value)
-    assert str(caught.value).endswith(".")
+test_bad_scenes = refusals(BAD_VALUES, BAD_TYPES)

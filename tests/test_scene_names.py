@@ -343,8 +343,8 @@ BAD = {
         "nonnegative of Naming can name only strength, reach, not 'height'.",
     ),
     "no tuple": (naming(nonnegative="reach"), "nonnegative of Naming must be a tuple of names, not 'reach'."),
-    "a cutoff": (naming(cutoff="re\nach"), "cutoff of Naming must be the name of a field, not 're\\nach'."),
-    "cutoffs": (naming(cutoff=["reach"]), "cutoff of Naming must be the name of a field, not ['reach']."),
+    "a cutoff": (naming(cutoff_field="re\nach"), "cutoff_field of Naming must be the name of a field, not 're\\nach'."),
+    "cutoffs": (naming(cutoff_field=["reach"]), "cutoff_field of Naming must be the name of a field, not ['reach']."),
     "no value": (
         lambda: add(Computed(None)),
         "found of Computed must be computed in __post_init__, because the field has init=False.",

@@ -37,7 +37,7 @@ def test_effects_at_zero_strength_do_nothing(pair):
 def test_every_effect_is_there():
     kinds = {effects.Body, effects.Link, effects.Motion}
     known = {getattr(effects, name) for name in effects.__all__} - kinds
-    others = Cell, effects.Rough, effects.Constraint, effects.Torque, effects.Motor
+    others = Cell, effects.FrictionalContact, effects.Constraint, effects.Torque, effects.Motor
     known = {kind for kind in known if not hasattr(kind, "event") and not issubclass(kind, others)}
     for strength in (0.0, 1.0):
         assert {type(effect) for effect in scene_pairs.catalogue(3, strength)} == known

@@ -8,36 +8,24 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.ensembles import adaptive, in_process
+from eig3.ensembles import lanewise
 from eig3.kernels.loops import fixed, variable
+from eig3.run import short
 from eig3.stepping import slices
+
+from .conftest import first_position, harmonic, position
 
 SLICE = 5e-4  # s, the duration of a slice
 PER_STEP = 1e-7  # s
 
 #: Where each kind of run gets its kernel.
-KERNELS = (fixed, "kernel"), (variable, "kernel"), (in_process, "wide_kernel"), (adaptive, "adaptive_kernel")
-
-
-@eig3.jit
-def oscillator(t, u, v, p):
-    return -u
+KERNELS = (fixed, "kernel"), (variable, "kernel"), (lanewise, "wide_kernel"), (lanewise, "adaptive_kernel")
 
 
 @eig3.jit
 def oscillators(t, u, v, p, a):
     for j in range(u.size):
         a[j] = -(1.0 + 0.1 * j) * u[j]
-
-
-@eig3.jit
-def position(t, u, v, p):
-    return u
-
-
-@eig3.jit
-def first_position(t, u, v, p):
-    return u[0]
 
 
 @eig3.jit
@@ -200,9 +188,9 @@ DIVIDED = [
 
 @pytest.mark.parametrize("options", DIVIDED, ids=lambda options: " ".join(options))
 def test_slices_of_one_step_give_the_same_bits(monkeypatch, options):
-    whole = eig3.integrate(oscillator, (0, 20), 1.0, 0.5, **options)
+    whole = eig3.integrate(harmonic, (0, 20), 1.0, 0.5, **options)
     monkeypatch.setattr(slices, "_SECONDS", 1e-12)
-    assert_same(whole, eig3.integrate(oscillator, (0, 20), 1.0, 0.5, **options))
+    assert_same(whole, eig3.integrate(harmonic, (0, 20), 1.0, 0.5, **options))
 
 
 @pytest.mark.parametrize("save_every", [1, 7, None])
@@ -244,8 +232,10 @@ def test_an_exception_of_a_handler_after_a_kernel_is_raised(monkeypatch, kind):
         return call
 
     wrap_kernels(monkeypatch, interrupted)
+    monkeypatch.setattr(short, "MOST_SECONDS", 0.0)  # else a run that is fast here is one call
+    monkeypatch.setattr(slices, "_SECONDS", 1e-4)
     with pytest.raises(StopError) as raised:
-        eig3.integrate(oscillator, (0, 1000), 1.0, 0.0, **KINDS[kind])
+        eig3.integrate(harmonic, (0, 1000), 1.0, 0.0, **KINDS[kind])
     solution = raised.value.solution
     assert solution.status is eig3.Status.INTERRUPTED
     assert len(solution.t) == solution.n_steps + 1  # no state is lost

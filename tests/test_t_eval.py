@@ -11,7 +11,7 @@ import eig3
 from eig3 import Event, Status
 from eig3.problems.bouncing_ball import bouncing_ball, impact_times
 
-from .conftest import hardening_chain, spring
+from .conftest import first_position, hardening_chain, position, spring
 
 
 @eig3.jit
@@ -23,11 +23,6 @@ def damped(t, u, v, p):
 @eig3.jit
 def squares(t, u, v, p):
     return u * u
-
-
-@eig3.jit
-def height(t, u, v, p):
-    return u
 
 
 RUNS = [{"h": 0.1, "method": "eig3"}, {"rtol": 1e-6, "method": "rk5"}]
@@ -43,7 +38,8 @@ def errors(solution):
 
 
 @pytest.mark.parametrize(
-    ("method", "h", "order"), [("eig3", 0.1, 2), ("rk4", 0.1, 4), ("rk5", 0.1, 5), ("rk8", 0.4, 8), ("eig9", 0.2, 9)]
+    ("method", "h", "order"),
+    [("eig3", 0.1, 2), ("cd", 0.05, 2), ("ab3", 0.05, 3), ("rk4", 0.1, 4), ("rk8", 0.4, 8), ("eig9", 0.2, 9)],
 )
 def test_between_fixed_steps_the_order_is_that_of_the_method(method, h, order):
     """The times are in all parts of a step."""
@@ -51,13 +47,6 @@ def test_between_fixed_steps_the_order_is_that_of_the_method(method, h, order):
     found = np.log2(errors(run(times, h=h, method=method)) / errors(run(times, h=h / 2, method=method)))
     # the next term of the error changes the ratio by O(h)
     assert (found > order - 0.6).all()
-
-
-def test_between_fixed_steps_ab3_and_cd_are_of_their_orders():
-    times = np.linspace(0, 8, 1001)
-    for method, order in (("ab3", 3), ("cd", 2)):
-        found = np.log2(errors(run(times, h=0.05, method=method)) / errors(run(times, h=0.025, method=method)))
-        assert (found > order - 0.6).all()
 
 
 @pytest.mark.parametrize(
@@ -160,9 +149,9 @@ def test_vector_form(options):
 @BOTH
 def test_outputs_and_extremes(options):
     times = np.linspace(0, 8, 17)
-    solution = run(times, outputs={"square": squares}, invariants={"u": height}, **options)
+    solution = run(times, outputs={"square": squares}, invariants={"u": position}, **options)
     np.testing.assert_allclose(solution.outputs["square"], solution.u**2, rtol=1e-15)
-    whole = run(None, outputs={"square": squares}, invariants={"u": height}, **options)
+    whole = run(None, outputs={"square": squares}, invariants={"u": position}, **options)
     assert solution.extremes["square"].high == whole.extremes["square"].high  # over every step, as without times
     assert solution.drift == whole.drift
 
@@ -185,7 +174,7 @@ def test_between_impacts(options):
 @BOTH
 def test_times_after_the_end_of_a_run_are_left_out(options):
     times = np.linspace(0, 8, 33)
-    solution = run(times, events={"zero": Event(height, 1, terminal=True)}, **options)
+    solution = run(times, events={"zero": Event(position, 1, terminal=True)}, **options)
     assert solution.status is Status.TERMINATED
     end = solution.events["zero"].t[0]
     assert np.array_equal(solution.t, times[times <= end])
@@ -271,11 +260,6 @@ def falling_bodies(t, u, v, p, a):
 
 
 @eig3.jit
-def first_height(t, u, v, p):
-    return u[0]
-
-
-@eig3.jit
 def rises(t, u, v, p):
     return 0.0, 1.0
 
@@ -308,7 +292,7 @@ def test_the_time_of_a_terminal_event_is_there(options):
     after = [1.0]
     while len(after) < 4:
         after.append(np.nextafter(after[-1], np.inf))
-    events = {"floor": Event(height, -1, terminal=True), "rise": Event(height, -1, apply=rises)}
+    events = {"floor": Event(position, -1, terminal=True), "rise": Event(position, -1, apply=rises)}
     for names in (["floor"], ["rise", "floor"]):
         chosen = {name: events[name] for name in names}
         for h in (0.0625, 0.1, 0.3):
@@ -324,10 +308,10 @@ def test_the_time_of_a_terminal_event_is_there(options):
 @pytest.mark.parametrize("is_vector", [False, True], ids=["scalar", "vector"])
 def test_a_solution_without_states(options, is_vector, tmp_path):
     """The run ends before the first of the wanted times."""
-    event = {"floor": Event(first_height if is_vector else height, -1, terminal=True)}
+    event = {"floor": Event(first_position if is_vector else position, -1, terminal=True)}
     start = {"u0": [0.5, 1.0], "v0": [0.0, 0.0]} if is_vector else {"u0": 0.5}
     rhs = falling_bodies if is_vector else falling
-    name = first_height if is_vector else height
+    name = first_position if is_vector else position
     solution = run([1.5], rhs, (0, 2), **start, events=event, outputs={"height": name}, **options)
     assert solution.status is Status.TERMINATED
     assert len(solution.t) == 0
@@ -347,7 +331,7 @@ def test_a_solution_without_states(options, is_vector, tmp_path):
 
 def test_a_solution_without_states_of_a_problem(tmp_path):
     problem = bouncing_ball(t_end=3.0)
-    problem = problem.with_(events={"floor": Event(height, -1, terminal=True)})
+    problem = problem.with_(events={"floor": Event(position, -1, terminal=True)})
     solution = problem.integrate(h=0.01, t_eval=[2.5])
     assert len(solution.to_pandas()) == 0
     assert len(solution.to_xarray().t) == 0

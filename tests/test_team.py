@@ -17,7 +17,7 @@ from eig3.kernels import grains as kernel
 from eig3.kernels import neighbours
 from eig3.problems.flag import sheet
 from eig3.run import short
-from eig3.scene import Scene, codegen, grains_text, hinges, swarm
+from eig3.scene import Scene, codegen, grains_text, hinges, pair_force
 from eig3.stepping import team
 
 from .test_extend import assert_same
@@ -29,7 +29,7 @@ def _shared_from_the_start(monkeypatch):
     monkeypatch.setattr(codegen, "_SHARED_CELLS", 1)
     monkeypatch.setattr(team, "_WORTH", 0)
     monkeypatch.setattr(short, "MOST_SECONDS", 0)
-    monkeypatch.setattr(swarm, "_JUMP", np.inf)  # most pairs shall be in two parts
+    monkeypatch.setattr(pair_force, "_JUMP", np.inf)  # most pairs shall be in two parts
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def cloud(dimension=2, n=150, density=1.0, seed=3):
 def damped():
     x, v = cloud()
     scene = Scene(2)
-    scene.add(effects.MassContact(500.0, 0.9, damping=0.3), scene.mass(np.linspace(0.5, 2, len(x)), x, v))
+    scene.add(effects.HertzContact(500.0, 0.9, damping=0.3), scene.mass(np.linspace(0.5, 2, len(x)), x, v))
     scene.add(effects.Gravity((0.0, -1.0)))
     return scene
 
@@ -66,14 +66,14 @@ def damped():
 def of_sizes():
     x, v = cloud(3)
     scene = Scene(3, box=(7.0, None, 7.0))
-    scene.add(effects.MassContact(500.0, np.linspace(0.6, 1.1, len(x))), scene.mass(1.0, x, v))
+    scene.add(effects.HertzContact(500.0, np.linspace(0.6, 1.1, len(x))), scene.mass(1.0, x, v))
     return scene
 
 
 def sheared():
     x, v = cloud(density=1.05)
     scene = Scene(2, box=(13.0, 13.0), shear=0.5)
-    scene.add(effects.MassContact(300.0, 1.0, damping=0.1), scene.mass(1.0, x, v))
+    scene.add(effects.HertzContact(300.0, 1.0, damping=0.1), scene.mass(1.0, x, v))
     return scene
 
 
@@ -83,15 +83,15 @@ def of_two_lists():
     balls = scene.mass(1.0, x, v)
     wall = scene.fixed(np.column_stack([np.arange(-1, 14, 0.5), np.full(30, -1.0)]))
     scene.add(effects.LinearSpring(50.0, 1.0), balls[:50], balls[50:100])
-    scene.add(effects.MassContact(500.0, 0.9), balls, leaves_joined=True)
-    scene.add(effects.MassContact(800.0, 0.7), balls, near=wall)
+    scene.add(effects.HertzContact(500.0, 0.9), balls, exclude_bonded=("1-2",))
+    scene.add(effects.HertzContact(800.0, 0.7), balls, others=wall)
     return scene
 
 
 def with_many_mates():
     x, v = cloud(3)
     scene = Scene(3, box=(7.0, 7.0, 7.0))
-    scene.add(effects.MassContact(20.0, 2.0, damping=0.1), scene.mass(1.0, x, v))
+    scene.add(effects.HertzContact(20.0, 2.0, damping=0.1), scene.mass(1.0, x, v))
     return scene
 
 
@@ -104,7 +104,7 @@ def of_cells():
     """A sheet in wind on a pole that moves, with springs in rows and in no order, and effects on all and on some."""
     rng = np.random.default_rng(5)
     cells, places = sheet(12, 8), np.array([(i, j, 0.02 * i * j) for i in range(12) for j in range(8)], dtype=float)
-    scene, elastic = Scene(3), effects.StVenantKirchhoffTriangle(100.0, 0.3, 1.0)
+    scene, elastic = Scene(3), effects.StVenantKirchhoffMembrane(100.0, 0.3, 1.0)
     cloth = scene.add_mesh(places, cells, elastic, density=1.0, fixed=range(8))
     scene.add(effects.HingeBending(2.0), *cloth[hinges(cells)])
     scene.add(effects.WindPressure(0.1, (2.0, 0.0, 1.0)), *cloth[cells.T])
@@ -113,32 +113,23 @@ def of_cells():
     scene.add(effects.LinearDamper(0.5), *cloth[rng.permutation(96).reshape(2, 48)])
     scene.add(effects.QuadraticDrag(0.05), cloth[rng.permutation(np.arange(8, 96))[:40]])
     scene.add(effects.Gravity((0.0, 0.0, -5.0)))
-    scene.add(effects.MassContact(100.0, 0.9), cloth[8:])
+    scene.add(effects.HertzContact(100.0, 0.9), cloth[8:])
     return scene
 
 
-ROUGH = effects.HertzMindlin(E=300.0, nu=0.3, reach=1.0, friction=0.5, restitution=0.7)
+ROUGH = effects.HertzMindlin(E=300.0, nu=0.3, contact_distance=1.0, friction=0.5, restitution=0.7)
 
 
 def of_grains():
     """Discs that roll and slide on one another and on fixed ones, in no order, beside contacts without friction."""
     x, v = cloud()
     scene = Scene(2)
-    grains = scene.mass(np.linspace(0.5, 2, len(x)), x, v, inertia=0.1, spin=np.linspace(-3, 3, len(x)))
-    scene.add(replace(ROUGH, reach=np.linspace(0.9, 1.1, len(x))), grains)
+    grains = scene.mass(np.linspace(0.5, 2, len(x)), x, v, inertia=0.1, angular_velocity=np.linspace(-3, 3, len(x)))
+    scene.add(replace(ROUGH, contact_distance=np.linspace(0.9, 1.1, len(x))), grains)
     ground = scene.fixed(np.column_stack([np.arange(-1, 14, 0.5), np.full(30, -0.8)]))
-    scene.add(ROUGH, grains, near=ground)
-    scene.add(effects.MassContact(10.0, 1.3), grains)
+    scene.add(ROUGH, grains, others=ground)
+    scene.add(effects.HertzContact(10.0, 1.3), grains)
     scene.add(effects.Gravity((0.0, -1.0)))
-    return scene
-
-
-def of_grains_only():
-    """Those of one list, with sizes of their own."""
-    x, v = cloud()
-    scene = Scene(2)
-    grains = scene.mass(1.0, x, v, inertia=0.1, spin=np.linspace(-3, 3, len(x)))
-    scene.add(replace(ROUGH, reach=np.linspace(0.9, 1.1, len(x))), grains)
     return scene
 
 
@@ -175,11 +166,11 @@ def test_the_forces_are_those_of_a_small_scene(make, monkeypatch):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("make", [of_two_lists, of_grains_only])
+@pytest.mark.parametrize("make", [of_two_lists, of_grains])
 def test_points_in_no_order_are_sorted_by_their_places(make, monkeypatch):
     """This is seen in the order of the list only. The forces differ by the order of rounding."""
     given = make().problem((0.0, 0.5), threads=2)
-    monkeypatch.setattr(swarm, "_JUMP", 3.0)
+    monkeypatch.setattr(pair_force, "_JUMP", 3.0)
     sorted_ = [make().problem((0.0, 0.5), threads=threads) for threads in (1, 2)]
     (place,) = re.findall(r"index\((\d+)\)\n    add_forces\(share, lists, 0,", inspect.getsource(given.rhs.py_func))
     for problem, is_sorted in ((given, False), (sorted_[0], True)):
@@ -204,7 +195,7 @@ def test_a_list_without_room_has_one_part():
     for threads in (1, 4):
         scene = Scene(2)
         points = scene.mass(1.0, x - 5)
-        scene.add(effects.MassContact(5.0, 1.0), points, room=2)
+        scene.add(effects.HertzContact(5.0, 1.0), points, neighbor_capacity=2)
         scene.add(effects.LinearSpring(1.0), points, scene.fixed((0.0, 0.0)))
         runs.append(scene.problem((0.0, 3.0), threads=threads).integrate(h=1e-2))
     np.testing.assert_array_equal(runs[0].u, runs[1].u)
@@ -253,7 +244,7 @@ class Brittle(Link):
 
     reach: float
 
-    cutoff = "reach"
+    cutoff_field = "reach"
 
     @staticmethod
     @eig3.jit

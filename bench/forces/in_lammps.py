@@ -60,7 +60,7 @@ _STYLES = {
     "coulomb": _COULOMB.format(0.0),
     "damped coulomb": _COULOMB.format(DAMPING),
     "spring": _chain("bond", f"harmonic {BOND[0] / 2} {BOND[1]}"),
-    "morse": _chain("bond", f"morse {MORSE[0]} {1 / MORSE[1]} {MORSE[2]}"),
+    "morse": _chain("bond", f"morse {MORSE[0]} {MORSE[1]} {MORSE[2]}"),
     "angle": _chain("angle", f"harmonic {ANGLE[0] / 2} {math.degrees(ANGLE[1]):.17g}"),
     "torsion": _torsion(),
 }

@@ -19,7 +19,7 @@ def forces(name: str) -> np.ndarray:
 
 
 def _shifted(potential: str, slope: float) -> str:
-    """Return a potential whose force is 0 at the reach, but for a constant."""
+    """Return a potential whose force is 0 at the cutoff, but for a constant."""
     return f"step({REACH} - r) * (u - r * ({slope:.17g})); u = {potential}"
 
 
@@ -58,8 +58,8 @@ def _spring() -> Any:
 def _morse() -> Any:
     import openmm
 
-    depth, width, length = MORSE
-    force = openmm.CustomBondForce(f"{depth} * (1 - exp(({length} - r) / {width}))^2")
+    D, a, r0 = MORSE
+    force = openmm.CustomBondForce(f"{D} * (1 - exp({a} * ({r0} - r)))^2")
     for i, j in chains(2):
         force.addBond(i, j, [])
     return force

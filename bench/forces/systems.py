@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eig3.effects import Coulomb, HarmonicAngle, LennardJones, LinearSpring, MassContact, Morse, RyckaertBellemans
+from eig3.effects import Coulomb, HarmonicAngle, HertzContact, LennardJones, LinearSpring, Morse, RyckaertBellemans
 from eig3.problem import Problem
 from eig3.scene import Scene
 
@@ -12,14 +12,14 @@ POINTS = 6
 REACH, DAMPING = 2.5, 0.8
 CONTACT, DIAMETER = 500.0, 1.4
 BOND, ANGLE = (40.0, 1.1), (15.0, 1.9)  # stiffness, and length or angle
-MORSE = 8.0, 0.4, 1.1  # depth, width, length
+MORSE = 8.0, 2.5, 1.1  # D, a, r0
 TORSION = (9.28, 12.16, -13.12, -3.06, 26.24, -31.5)
 
 _BETWEEN_PAIRS = {
-    "contact": MassContact(CONTACT, DIAMETER),
+    "contact": HertzContact(CONTACT, DIAMETER),
     "lennard-jones": LennardJones(1.0, 1.0, REACH),
-    "coulomb": Coulomb(1.0, REACH),
-    "damped coulomb": Coulomb(1.0, REACH, DAMPING),
+    "coulomb": Coulomb(1.0, cutoff=REACH),
+    "damped coulomb": Coulomb(1.0, DAMPING, REACH),
 }
 _ALONG_THE_CHAIN = {
     "spring": LinearSpring(*BOND),

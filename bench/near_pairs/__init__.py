@@ -27,7 +27,7 @@ _LAMMPS = """LAMMPS has the skin of the scene, and looks at each step whether it
 It takes its variants for OpenMP, which are not slower on one core.
 Where a ratio is below 1, the scene is faster."""
 _OPENMM = """OpenMM computes in single precision on its platform CPU, and in double precision on Reference.
-Its own force of Lennard-Jones is not the one of the scene: it jumps at the reach. The shifted force is a formula."""
+Its own force of Lennard-Jones is not the one of the scene: it jumps at the cutoff. The shifted force is a formula."""
 _EXUDYN = """Contacts of exudyn between all spheres are linear, and so are those of the scene here.
 exudyn has Euler's symplectic method, which is of order 1, and looks for the contacts anew in each step."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import eig3
-from eig3.effects import Link, MassContact
+from eig3.effects import HertzContact, Link
 from eig3.problem import Problem
 from eig3.scene import Scene
 
@@ -19,23 +19,23 @@ SKIN = 0.2  # that of a scene of spheres
 
 @dataclass(frozen=True, eq=False)
 class LinearContact(Link):
-    """A contact whose force is stiffness (reach - r)."""
+    """A contact whose force is stiffness (contact_distance - r)."""
 
     stiffness: float
-    reach: float
+    contact_distance: float
 
-    nonnegative = ("stiffness", "reach")
-    cutoff = "reach"
-
-    @staticmethod
-    @eig3.jit
-    def tension(r, stiffness, reach):
-        return -stiffness * max(0.0, reach - r)
+    nonnegative = ("stiffness", "contact_distance")
+    cutoff_field = "contact_distance"
 
     @staticmethod
     @eig3.jit
-    def potential(r, stiffness, reach):
-        return stiffness / 2 * max(0.0, reach - r) ** 2
+    def tension(r, stiffness, contact_distance):
+        return -stiffness * max(0.0, contact_distance - r)
+
+    @staticmethod
+    @eig3.jit
+    def potential(r, stiffness, contact_distance):
+        return stiffness / 2 * max(0.0, contact_distance - r) ** 2
 
 
 def spheres(n: int, contact: Link | None = None, threads: int = 1) -> Problem:
@@ -49,7 +49,7 @@ def spheres(n: int, contact: Link | None = None, threads: int = 1) -> Problem:
     scene = Scene(3)
     places = 0.98 * lattice + rng.uniform(-0.05, 0.05, (n, 3))
     balls = scene.mass(1.0, places, 0.5 * rng.standard_normal((n, 3)))
-    scene.add(contact or MassContact(STIFFNESS, REACH), balls)
+    scene.add(contact or HertzContact(STIFFNESS, REACH), balls)
     return scene.problem((0.0, 1.0), name=f"{n} spheres", threads=threads)
 
 

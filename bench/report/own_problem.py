@@ -188,7 +188,7 @@ def _judged(problem: Problem) -> tuple[Problem, list[str]]:
     skipped = []
     if problem.energy is not None:
         start = float(problem.energy_of(problem.u0, problem.v0))
-        if problem.integrals:
+        if problem.quadratures:
             skipped.append("the energy (it changes by the work)")
         elif acting:
             skipped.append("the energy (events may take some of it)")

@@ -1,32 +1,53 @@
-"""Show or clear the folders in which eig3 keeps compiled kernels and problems for later processes."""
+"""Show, fill or clear the folder in which eig3 keeps compiled code for later processes."""
 
 from __future__ import annotations
 
 import argparse
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 
-SUMMARY = "show or clear the folders of compiled code"
+SUMMARY = "show, fill or clear the folder of compiled code"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--path", action="store_true", help="print the folders")
-    what.add_argument("--clear", action="store_true", help="delete the compiled code in these folders")
+    what.add_argument("--path", action="store_true", help="print the folder")
+    what.add_argument("--clear", action="store_true", help="delete the compiled code in this folder")
+    what.add_argument(
+        "--fill",
+        nargs="*",
+        metavar="USE",
+        help="compile what the main uses need, on all cores, such as eig3, rk8-tolerances, ensembles or grains",
+    )
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:
-    from .. import critical_step, problems, scene, stability
-    from ..kernels.compile.cache import clear, folder_of
-    from ..kernels.loops.fixed import fixed
+    from ..kernels.compile.cache import clear, folder
 
-    failures = []
-    for function in (fixed, problems.duffing, stability.limit, scene.Scene.add, critical_step):  # one in each folder
-        try:
-            folder = folder_of(function)
-            done = f": {clear(folder)} files deleted" if options.clear else ""
-        except (RuntimeError, OSError) as error:
-            failures.append(str(error))
-        else:
-            print(f"{folder}{done}")
-    if failures:
-        raise SystemExit(f"eig3 cache: {'; '.join(failures)}")
+    if options.fill is not None:
+        _fill(options.fill)
+    try:
+        path = folder()
+        done = f": {clear(path)} files deleted" if options.clear else ""
+    except (RuntimeError, OSError) as error:
+        raise SystemExit(f"eig3 cache: {error}") from error
+    print(f"{path}{done}")
+
+
+def _fill(wanted: list[str]) -> None:
+    """Compile what some uses need, or all of them, each in a process of its own."""
+    from ..ensembles.in_process import cores
+    from .first_uses import USES, compile_use
+
+    unknown = [name for name in wanted if name not in USES]
+    if unknown:
+        raise SystemExit(f"eig3 cache: there is no use {unknown[0]}; the uses are {', '.join(USES)}.")
+    total, seconds = 0, 0.0
+    with ProcessPoolExecutor(cores(), get_context("spawn")) as pool:
+        names = {pool.submit(compile_use, name): name for name in wanted or USES}
+        for k, done in enumerate(as_completed(names), 1):
+            count, spent = done.result()
+            total, seconds = total + count, seconds + spent
+            print(f"{k:2d} of {len(names)}: {names[done]}, {count} functions in {spent:.1f} s of CPU time", flush=True)
+    print(f"{total} functions compiled in {seconds:.1f} s of CPU time. They are in")

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.callbacks import cached_jit
+from ..functions.callbacks import jit
 from ..functions.checks import check_method, check_time, velocity_refused
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..stability import (
     NEGLIGIBLE,
@@ -92,6 +93,7 @@ class NoStableStepError(NoCriticalStepError):
     """The method is unstable at every step."""
 
 
+@with_suggestions()
 def critical_step(
     rhs: Any,
     u0: ArrayLike,
@@ -431,7 +433,7 @@ def _step_matrix(method: Method, system: Linearised, h: float) -> np.ndarray:
     return np.concatenate(columns).T
 
 
-@cached_jit
+@jit
 def _copies(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.ndarray) -> None:
     m = int(p[0])
     for first in range(0, u.size, m):

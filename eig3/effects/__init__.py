@@ -3,9 +3,9 @@
 from ..scene.cell import Cell
 from ..scene.constraint import Constraint
 from ..scene.effect import Body, Link, Motion
-from ..scene.grain_contact import Rough
+from ..scene.frictional_contact import FrictionalContact
+from ..scene.point_joint import PointJoint
 from ..scene.weld import Weld
-from .actuator import Actuator
 from .angle import Angle
 from .bending import Bending
 from .breaking_string import BreakingString
@@ -17,17 +17,18 @@ from .gravity import Gravity
 from .hardening_spring import HardeningSpring
 from .harmonic_angle import HarmonicAngle
 from .harmonic_force import HarmonicForce
+from .hertz_contact import HertzContact
 from .hertz_mindlin import HertzMindlin
 from .hinge_bending import HingeBending
 from .lennard_jones import LennardJones
 from .linear_damper import LinearDamper
 from .linear_spring import LinearSpring
-from .mass_contact import MassContact
 from .mass_impact import MassImpact
 from .morse import Morse
 from .motor import Motor
 from .neo_hookean import NeoHookean
 from .plane_contact import PlaneContact
+from .prescribed_distance import PrescribedDistance
 from .quadratic_drag import QuadraticDrag
 from .rigid_stop import RigidStop
 from .rod import Rod
@@ -37,8 +38,8 @@ from .sampled_acceleration import SampledAcceleration
 from .sampled_motion import SampledMotion
 from .slider import Slider
 from .softening_spring import SofteningSpring
-from .st_venant_kirchhoff import StVenantKirchhoff
-from .st_venant_kirchhoff_triangle import StVenantKirchhoffTriangle
+from .st_venant_kirchhoff_membrane import StVenantKirchhoffMembrane
+from .st_venant_kirchhoff_solid import StVenantKirchhoffSolid
 from .support_motion import SupportMotion
 from .tetrahedron import Tetrahedron
 from .torque import Torque
@@ -46,7 +47,6 @@ from .triangle import Triangle
 from .wind_pressure import WindPressure
 
 __all__ = [
-    "Actuator",
     "Angle",
     "Bending",
     "Body",
@@ -57,35 +57,37 @@ __all__ = [
     "Coulomb",
     "CoulombFriction",
     "Dihedral",
+    "FrictionalContact",
     "Gravity",
     "HardeningSpring",
     "HarmonicAngle",
     "HarmonicForce",
+    "HertzContact",
     "HertzMindlin",
     "HingeBending",
     "LennardJones",
     "LinearDamper",
     "LinearSpring",
     "Link",
-    "MassContact",
     "MassImpact",
     "Morse",
     "Motion",
     "Motor",
     "NeoHookean",
     "PlaneContact",
+    "PointJoint",
+    "PrescribedDistance",
     "QuadraticDrag",
     "RigidStop",
     "Rod",
     "RotatingFrame",
-    "Rough",
     "RyckaertBellemans",
     "SampledAcceleration",
     "SampledMotion",
     "Slider",
     "SofteningSpring",
-    "StVenantKirchhoff",
-    "StVenantKirchhoffTriangle",
+    "StVenantKirchhoffMembrane",
+    "StVenantKirchhoffSolid",
     "SupportMotion",
     "Tetrahedron",
     "Torque",

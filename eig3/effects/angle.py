@@ -47,4 +47,4 @@ class Angle(Cell):
     variable, conjugate = "theta", "torque"
     offers = offers_of(variable, conjugate)
     needs = (conjugate,)
-    measure, pace, spread = angle, angular_rate, turned
+    value, rate, forces = angle, angular_rate, turned

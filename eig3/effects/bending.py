@@ -35,7 +35,7 @@ class Bending(Cell):
     shape = {"rest_angle": 0, "aspect": 0}  # noqa: RUF012, as in the base class
     offers = offers_of(variable, conjugate, read=tuple(shape))
     needs = (conjugate,)
-    measure, pace, spread = bend, twist_rate, twisted
+    value, rate, forces = bend, twist_rate, twisted
 
     def shape_columns(self, rest):
         edge = rest[2] - rest[1]

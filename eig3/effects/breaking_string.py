@@ -21,45 +21,45 @@ class BreakingString(Link):
     ----------
     stiffness : float or array_like
         N/m.
-    length : float or array_like
-        Natural length, m.
+    rest_length : float or array_like
+        m.
     strength : float or array_like
         The largest tension, N.
 
     Raises
     ------
     ValueError
-        For stiffness, length or strength below 0, or a tension at the start that is not below the strength.
+        For stiffness, rest_length or strength below 0, or a tension at the start that is not below the strength.
     """
 
     stiffness: ArrayLike
-    length: ArrayLike
+    rest_length: ArrayLike
     strength: ArrayLike
 
-    nonnegative = ("stiffness", "length", "strength")
+    nonnegative = ("stiffness", "rest_length", "strength")
     crossing = 1
     source = "Hooke, up to a strength"
     picture = "string"
 
     def check_points(self, masses, positions, columns):
         super().check_points(masses, positions, columns)
-        pull = columns["stiffness"] * (distance(positions) - columns["length"])
+        pull = columns["stiffness"] * (distance(positions) - columns["rest_length"])
         self.require(pull < columns["strength"], "strength must be above the tension at the start")
 
     @staticmethod
     @element
-    def tension(r, state, stiffness, length):
-        return stiffness * (r - length) * (1 - state)
+    def tension(r, state, stiffness, rest_length):
+        return stiffness * (r - rest_length) * (1 - state)
 
     @staticmethod
     @element
-    def potential(r, state, stiffness, length):
-        return stiffness / 2 * (r - length) * (r - length) * (1 - state)
+    def potential(r, state, stiffness, rest_length):
+        return stiffness / 2 * (r - rest_length) * (r - rest_length) * (1 - state)
 
     @staticmethod
     @element
-    def event(r, state, stiffness, length, strength):
-        return stiffness * (r - length) - strength if state == 0 else -1.0
+    def event(r, state, stiffness, rest_length, strength):
+        return stiffness * (r - rest_length) - strength if state == 0 else -1.0
 
     @staticmethod
     @element

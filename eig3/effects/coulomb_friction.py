@@ -13,28 +13,28 @@ from .vector import add, dot, scale
 
 
 @element
-def in_space(v, coefficient, load, slip):
-    return scale(-coefficient * load / math.sqrt(dot(v, v) + slip * slip), v)
+def in_space(v, mu, normal_force, regularization_speed):
+    return scale(-mu * normal_force / math.sqrt(dot(v, v) + regularization_speed * regularization_speed), v)
 
 
 @element
-def on_plane(v, coefficient, load, slip, normal):
-    return in_space(add(v, scale(-dot(normal, v), normal)), coefficient, load, slip)
+def on_plane(v, mu, normal_force, regularization_speed, normal):
+    return in_space(add(v, scale(-dot(normal, v), normal)), mu, normal_force, regularization_speed)
 
 
 @dataclass(frozen=True, eq=False)
 class CoulombFriction(Body):
-    """Coulomb's friction of a mass that a load presses on a plane.
+    """Coulomb's friction of a mass that a normal force presses on a plane.
 
-    The force is -coefficient load v / sqrt(v^2 + slip^2).
+    The force is -mu normal_force v / sqrt(v^2 + regularization_speed^2).
 
     Parameters
     ----------
-    coefficient : float or array_like
+    mu : float or array_like
         Coefficient of friction.
-    load : float or array_like
-        The normal force, N.
-    slip : float or array_like
+    normal_force : float or array_like
+        N.
+    regularization_speed : float or array_like
         The speed at which the friction reaches 0.71 of its limit, m/s. At lower speeds the friction acts as a stiff
         damper: an explicit method then needs a short step, and the mass creeps where it should stick.
     normal : array_like, shape (dimension,), optional
@@ -44,20 +44,21 @@ class CoulombFriction(Body):
     Raises
     ------
     ValueError
-        For a coefficient or load below 0, a slip that is not positive, or a normal that is not a unit vector.
+        For a mu or normal_force below 0, a regularization_speed that is not positive, or a normal that is not a unit
+        vector.
     """
 
-    coefficient: ArrayLike
-    load: ArrayLike
-    slip: ArrayLike = 1e-3
+    mu: ArrayLike
+    normal_force: ArrayLike
+    regularization_speed: ArrayLike = 1e-3
     normal: ArrayLike | None = None
 
-    nonnegative = ("coefficient", "load")
+    nonnegative = ("mu", "normal_force")
     source = "Coulomb (1785), smoothed"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require(self._reals("slip") > 0, "slip must be positive")
+        self.require(self._reals("regularization_speed") > 0, "regularization_speed must be positive")
         if self.normal is not None:
             self.require_unit("normal")
 

@@ -56,4 +56,4 @@ class Dihedral(Cell):
     variable, conjugate = "phi", "torque"
     offers = offers_of(variable, conjugate)
     needs = (conjugate,)
-    measure, pace, spread = dihedral_angle, twist_rate, twisted
+    value, rate, forces = dihedral_angle, twist_rate, twisted

@@ -12,39 +12,39 @@ from ..scene.effect import Link
 
 @dataclass(frozen=True, eq=False)
 class HardeningSpring(Link):
-    """A spring whose tension at the stretch d is S1 d (1 + S2 d^2).
+    """A spring whose tension at the stretch d is stiffness d (1 + cubic d^2): stiffness and cubic of the article.
 
     Parameters
     ----------
-    S1 : float or array_like
-        Stiffness at rest, N/m.
-    S2 : float or array_like
+    stiffness : float or array_like
+        At rest, N/m.
+    cubic : float or array_like
         1/m^2; a negative value makes the spring soften.
-    length : float or array_like
-        Natural length, m.
+    rest_length : float or array_like
+        m.
 
     Raises
     ------
     ValueError
-        For S1 or length below 0.
+        For stiffness or rest_length below 0.
     """
 
-    S1: ArrayLike
-    S2: ArrayLike
-    length: ArrayLike = 0.0
+    stiffness: ArrayLike
+    cubic: ArrayLike
+    rest_length: ArrayLike = 0.0
 
-    nonnegative = ("S1", "length")
+    nonnegative = ("stiffness", "rest_length")
     source = "EIG-3 article, section 4.2"
     picture = "spring"
 
     @staticmethod
     @element
-    def tension(r, S1, S2, length):
-        d = r - length
-        return S1 * d * (1 + S2 * d * d)
+    def tension(r, stiffness, cubic, rest_length):
+        d = r - rest_length
+        return stiffness * d * (1 + cubic * d * d)
 
     @staticmethod
     @element
-    def potential(r, S1, S2, length):
-        square = (r - length) * (r - length)
-        return S1 / 2 * square * (1 + S2 / 2 * square)
+    def potential(r, stiffness, cubic, rest_length):
+        square = (r - rest_length) * (r - rest_length)
+        return stiffness / 2 * square * (1 + cubic / 2 * square)

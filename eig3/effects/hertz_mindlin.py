@@ -10,27 +10,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
-from ..scene.grain_contact import Rough
+from ..scene.frictional_contact import FrictionalContact
 
 _LOSS = 2 * math.sqrt(5 / 6)
 
 
 @element
-def tension(r, rate, radius, mass, reach, plane_modulus, loss):
-    d = max(0.0, reach - r)
+def tension(r, rate, radius, mass, contact_distance, plane_modulus, loss):
+    d = max(0.0, contact_distance - r)
     width = math.sqrt(radius * d)
     push = 4 / 3 * plane_modulus * width * d - loss * math.sqrt(2 * plane_modulus * width * mass) * rate
     return -max(0.0, push)
 
 
 @element
-def shear_stiffness(r, radius, reach, shear_modulus):
-    return 8 * shear_modulus * math.sqrt(radius * max(0.0, reach - r))
+def shear_stiffness(r, radius, contact_distance, shear_modulus):
+    return 8 * shear_modulus * math.sqrt(radius * max(0.0, contact_distance - r))
 
 
 @element
-def shear_damping(r, radius, mass, reach, shear_modulus, loss):
-    return loss * math.sqrt(8 * shear_modulus * math.sqrt(radius * max(0.0, reach - r)) * mass)
+def shear_damping(r, radius, mass, contact_distance, shear_modulus, loss):
+    return loss * math.sqrt(8 * shear_modulus * math.sqrt(radius * max(0.0, contact_distance - r)) * mass)
 
 
 def damping_ratio(restitution: float) -> float:
@@ -50,7 +50,7 @@ def damping_ratio(restitution: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class HertzMindlin(Rough):
+class HertzMindlin(FrictionalContact):
     """Contacts between spheres of one material, with friction and the history of each contact.
 
     At the indentation d, spheres with the effective radius R push each other apart with Hertz's force
@@ -60,7 +60,7 @@ class HertzMindlin(Rough):
     that of the spring and the effective mass m. The normal force is never attractive. Spheres that strike each other
     then have the same restitution at every speed; the damping ratio z is the one that gives it: see `damping_ratio`.
 
-    Add it to one array of points, or between points and fixed points with ``near=``. Give the masses an inertia, or
+    Add it to one array of points, or between points and fixed points with ``others=``. Give the masses an inertia, or
     they do not spin. In two dimensions the points are spheres whose centres stay in a plane.
 
     Parameters
@@ -69,15 +69,15 @@ class HertzMindlin(Rough):
         Young's modulus, Pa.
     nu : float
         Poisson's ratio, from 0 to 0.5.
-    reach : float or array_like
+    contact_distance : float or array_like
         The distance at which two points touch: the diameter of each point, or between points and fixed points the sum
         of the two radii, m.
     friction : float
         Coefficient of friction.
     restitution : float
         The speed after a normal impact as a part of that before it, above 0 and up to 1.
-    near_radius : float, optional
-        The radius of fixed points, m; half of the least reach if not given.
+    wall_radius : float, optional
+        The radius of fixed points, m; half of the least contact distance if not given.
 
     Raises
     ------
@@ -95,32 +95,33 @@ class HertzMindlin(Rough):
 
     E: float
     nu: float
-    reach: ArrayLike
+    contact_distance: ArrayLike
     friction: float
     restitution: float = 1.0
-    near_radius: float | None = None
+    wall_radius: float | None = None
     plane_modulus: float = field(init=False, default=0.0)
     shear_modulus: float = field(init=False, default=0.0)
     loss: float = field(init=False, default=0.0)
 
-    nonnegative = ("nu", "reach", "friction")
+    nonnegative = ("nu", "contact_distance", "friction")
     source = (
         "Hertz (1881); Mindlin (1949), Mindlin and Deresiewicz (1953); Di Renzo and Di Maio (2004); damping of Tsuji "
         "et al. (1992), and its ratio by Antypov and Elliott (2011) and Schwager and Poeschel (2007)"
     )
 
     def __post_init__(self) -> None:
-        if self.near_radius is None:
-            object.__setattr__(self, "near_radius", float(np.min(self.reach)) / 2)
+        if self.wall_radius is None:
+            object.__setattr__(self, "wall_radius", float(np.min(self.contact_distance)) / 2)
         super().__post_init__()
-        for name in ("E", "nu", "friction", "restitution", "near_radius"):
+        for name in ("E", "nu", "friction", "restitution", "wall_radius"):
             self.require(np.ndim(getattr(self, name)) == 0, f"{name} must be one number")
         self.require(self._reals("E") > 0, "E must be positive")
         self.require(self._reals("nu") <= 0.5, "nu must not be above 0.5")
-        e, radius = self._reals("restitution"), self._reals("near_radius")
+        e, radius = self._reals("restitution"), self._reals("wall_radius")
         self.require((e > 0) & (e <= 1), "restitution must be above 0 and at most 1")
         self.require(
-            (radius > 0) & (radius <= np.min(self.reach)), "near_radius must be positive and at most the reach"
+            (radius > 0) & (radius <= np.min(self.contact_distance)),
+            "wall_radius must be positive and at most the contact_distance",
         )
         computed = {
             "plane_modulus": self.E / (2 * (1 - self.nu**2)),

@@ -12,59 +12,59 @@ from ..scene.effect import Link
 
 
 @element
-def tension(r, stiffness, length):
-    return stiffness * (r - length)
+def tension(r, stiffness, rest_length):
+    return stiffness * (r - rest_length)
 
 
 @element
-def potential(r, stiffness, length):
-    return stiffness / 2 * (r - length) * (r - length)
+def potential(r, stiffness, rest_length):
+    return stiffness / 2 * (r - rest_length) * (r - rest_length)
 
 
 @element
-def density_without_length(stiffness):
+def density_without_rest_length(stiffness):
     return stiffness
 
 
 @element
-def potential_without_length(r, stiffness):
+def potential_without_rest_length(r, stiffness):
     return stiffness / 2 * r * r
 
 
 @dataclass(frozen=True, eq=False)
 class LinearSpring(Link):
-    """A spring whose tension at the distance r is stiffness (r - length).
+    """A spring whose tension at the distance r is stiffness (r - rest_length).
 
-    Without a natural length the scene computes no distance, which makes the spring cheaper.
+    Without a rest rest_length the scene computes no distance, which makes the spring cheaper.
 
     Parameters
     ----------
     stiffness : float or array_like
         N/m.
-    length : float or array_like
-        Natural length, m.
+    rest_length : float or array_like
+        m.
 
     Raises
     ------
     ValueError
-        For stiffness or length below 0.
+        For stiffness or rest_length below 0.
     """
 
     stiffness: ArrayLike
-    length: ArrayLike = 0.0
+    rest_length: ArrayLike = 0.0
 
-    nonnegative = ("stiffness", "length")
+    nonnegative = ("stiffness", "rest_length")
     source = "Hooke"
     picture = "spring"
 
     @property
     def tension(self):
-        return tension if np.any(self.length) else None
+        return tension if np.any(self.rest_length) else None
 
     @property
-    def density(self):
-        return None if np.any(self.length) else density_without_length
+    def force_density(self):
+        return None if np.any(self.rest_length) else density_without_rest_length
 
     @property
     def potential(self):
-        return potential if np.any(self.length) else potential_without_length
+        return potential if np.any(self.rest_length) else potential_without_rest_length

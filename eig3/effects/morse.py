@@ -3,54 +3,85 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
-from ..scene.effect import Link
+from .shifted import Shifted, shifted_potential, shifted_tension
+
+
+@element
+def tension_of(r, D, a, r0):
+    near = math.exp(a * (r0 - r))
+    return 2 * D * a * near * (1 - near)
+
+
+@element
+def potential_of(r, D, a, r0):
+    return D * (1 - math.exp(a * (r0 - r))) ** 2
+
+
+@element
+def tension_to_cutoff(r, D, a, r0, cutoff, pull_at_cutoff):
+    return shifted_tension(r, cutoff, tension_of(r, D, a, r0), pull_at_cutoff)
+
+
+@element
+def potential_to_cutoff(r, D, a, r0, cutoff, pull_at_cutoff, energy_at_cutoff):
+    return shifted_potential(r, cutoff, potential_of(r, D, a, r0), pull_at_cutoff, energy_at_cutoff)
 
 
 @dataclass(frozen=True, eq=False)
-class Morse(Link):
-    """The bond of two atoms: a spring near its natural length, which gets soft and lets go where it is long.
+class Morse(Shifted):
+    """The bond of two atoms: a spring near its rest length, which gets soft and lets go where it is long.
 
-    The potential is depth (1 - exp(-(r - length) / width))^2: 0 at the natural length and depth far away. The stiffness
-    at the natural length is 2 depth / width^2.
+    The potential is D (1 - exp(-a (r - r0)))^2: 0 at r0 and D far away. The stiffness at r0 is 2 D a^2. With a cutoff,
+    it is a shifted force as `LennardJones`, and can act between all near points of a group.
 
     Parameters
     ----------
-    depth : float or array_like
+    D : float or array_like
         The energy that breaks the bond, J.
-    width : float or array_like
-        m.
-    length : float or array_like
-        Natural length, m.
+    a : float or array_like
+        1/m.
+    r0 : float or array_like
+        The distance without a force, m.
+    cutoff : float or array_like, optional
+        The distance from which on there is no force, m. Without it, the force acts at all distances.
 
     Raises
     ------
     ValueError
-        For depth or length below 0, or a width that is not positive.
+        For D or r0 below 0, or an a or cutoff that is not positive.
     """
 
-    depth: ArrayLike
-    width: ArrayLike
-    length: ArrayLike
+    D: ArrayLike
+    a: ArrayLike
+    r0: ArrayLike
+    cutoff: ArrayLike | None = None
+    pull_at_cutoff: ArrayLike = field(init=False, repr=False, default=0.0)
+    energy_at_cutoff: ArrayLike = field(init=False, repr=False, default=0.0)
 
-    nonnegative = ("depth", "length")
+    nonnegative = ("D", "r0")
     source = "Morse (1929)"
 
     def __post_init__(self):
         super().__post_init__()
-        self.require(self._reals("width") > 0, "width must be positive")
+        self.require(self._reals("a") > 0, "a must be positive")
+        self._shift(tension_of, potential_of, "D", "a", "r0")
 
-    @staticmethod
-    @element
-    def tension(r, depth, width, length):
-        near = math.exp((length - r) / width)
-        return 2 * depth / width * near * (1 - near)
+    @property
+    def picture(self):
+        return "line" if self.cutoff is None else ""
 
-    @staticmethod
-    @element
-    def potential(r, depth, width, length):
-        return depth * (1 - math.exp((length - r) / width)) ** 2
+    def needs_direction(self, columns):
+        return columns["r0"] != 0 if self.cutoff is None else True
+
+    @property
+    def tension(self):
+        return tension_of if self.cutoff is None else tension_to_cutoff
+
+    @property
+    def potential(self):
+        return potential_of if self.cutoff is None else potential_to_cutoff

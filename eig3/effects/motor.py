@@ -1,4 +1,4 @@
-"""A torque on a rigid body that depends on the time."""
+"""A torque on a rigid body that depends on the time, or on how the body turns."""
 
 from __future__ import annotations
 
@@ -11,18 +11,23 @@ from numba.types import BaseTuple, unliteral
 
 from ..functions.callbacks import jit
 from ..scene.body_torque import BodyTorque
-from ..scene.effect import REAL, Body
+from ..scene.effect import REAL, Body, Effect, arguments
+from ..scene.hinge_motor import HingeMotor
 from .vector import cross, scale, vector
 
 
 @dataclass(frozen=True, eq=False)
 class Motor(BodyTorque):
-    """A torque that is a function of time, on the axes of a rigid body: ``scene.add(Motor(torque), body.axes)``.
+    """A torque on the axes of a rigid body that is a function of time: ``scene.add(Motor(torque), body.axes)``.
+
+    In the plane, it may also be a function of the angle by which the body has turned since the start, and of its rate,
+    such as that of a controller. `RigidBody.motor` is a motor between two bodies, and about an axis in space.
 
     Parameters
     ----------
     torque : jitted function
-        ``torque(t)`` in N m: a number in the plane, and in space a tuple, in the frame of the scene.
+        ``torque(t)`` in N m: a number in the plane, and in space a tuple, in the frame of the scene. Or
+        ``torque(t, angle, rate)`` with the angle from -pi to pi, rad, and rad/s.
 
     Raises
     ------
@@ -42,6 +47,16 @@ class Motor(BodyTorque):
     @property
     def force(self) -> Any:
         return _force(self.torque)
+
+    def resolved(self, points: tuple[Any, ...]) -> tuple[Effect, tuple[Any, ...]]:
+        """Return the motor against the ground that a torque with an angle stands for."""
+        reads_angle = hasattr(self.torque, "py_func") and len(arguments(self.torque)) > 1
+        if not reads_angle or [hasattr(axes, "across") for axes in points] != [True]:
+            return self, points
+        (axes,) = points
+        if axes.scene.dimension == 3:
+            raise TypeError("torque of Motor has an angle, which needs an axis in space: take body.motor(None, ...).")
+        return HingeMotor(self.torque), axes.across()
 
     def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
         if name == "torque":

@@ -25,15 +25,15 @@ def damped(x, v, stiffness, normal, offset, damping):
 
 
 @element
-def elastic_rough(x, v, stiffness, normal, offset, friction, slip):
+def elastic_rough(x, v, stiffness, normal, offset, friction, regularization_speed):
     load = push(offset - dot(normal, x), stiffness)
-    return add(scale(load, normal), on_plane(v, friction, load, slip, normal))
+    return add(scale(load, normal), on_plane(v, friction, load, regularization_speed, normal))
 
 
 @element
-def damped_rough(x, v, stiffness, normal, offset, damping, friction, slip):
+def damped_rough(x, v, stiffness, normal, offset, damping, friction, regularization_speed):
     load = damped_push(offset - dot(normal, x), -dot(normal, v), stiffness, damping)
-    return add(scale(load, normal), on_plane(v, friction, load, slip, normal))
+    return add(scale(load, normal), on_plane(v, friction, load, regularization_speed, normal))
 
 
 @element
@@ -60,15 +60,16 @@ class PlaneContact(Body):
     damping : float or array_like
         s/m; 0 makes the contact elastic.
     friction : float or array_like
-        Coefficient of friction along the plane. The formula is the one of `CoulombFriction`; the load is the force of
-        the contact.
-    slip : float or array_like
+        Coefficient of friction along the plane. The formula is the one of `CoulombFriction`; its normal force is that
+        of the contact.
+    regularization_speed : float or array_like
         The speed at which the friction reaches 0.71 of its limit, m/s.
 
     Raises
     ------
     ValueError
-        For stiffness, damping or friction below 0, a normal that is not a unit vector, or a slip that is not positive.
+        For stiffness, damping or friction below 0, a normal that is not a unit vector, or a regularization_speed that
+        is not positive.
     """
 
     stiffness: ArrayLike
@@ -76,7 +77,7 @@ class PlaneContact(Body):
     offset: ArrayLike = 0.0
     damping: ArrayLike = 0.0
     friction: ArrayLike = 0.0
-    slip: ArrayLike = 1e-3
+    regularization_speed: ArrayLike = 1e-3
 
     vectors = ("normal",)
     nonnegative = ("stiffness", "damping", "friction")
@@ -86,7 +87,7 @@ class PlaneContact(Body):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.require_unit("normal")
-        self.require(self._reals("slip") > 0, "slip must be positive")
+        self.require(self._reals("regularization_speed") > 0, "regularization_speed must be positive")
 
     @property
     def is_elastic(self):

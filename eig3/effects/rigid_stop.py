@@ -28,21 +28,21 @@ class RigidStop(Body):
         m.
     restitution : float or array_like
         The speed after an impact as a part of the speed before it, from 0 to 1.
-    slow : float or array_like
+    rest_speed : float or array_like
         An impact at this speed or below loses none of it, and a faster one leaves at least this speed, m/s. A mass that
         is pressed against the stop thus keeps bouncing at this speed, which stands for its rest.
 
     Raises
     ------
     ValueError
-        For a normal that is not a unit vector, a restitution below 0 or above 1, a slow that is not positive, or a
-        mass that does not start on the free side.
+        For a normal that is not a unit vector, a restitution below 0 or above 1, a rest_speed that is not positive, or
+        a mass that does not start on the free side.
     """
 
     normal: ArrayLike
     offset: ArrayLike = 0.0
     restitution: ArrayLike = 0.5
-    slow: ArrayLike = 1e-2
+    rest_speed: ArrayLike = 1e-2
 
     vectors = ("normal",)
     nonnegative = ("restitution",)
@@ -54,7 +54,7 @@ class RigidStop(Body):
         super().__post_init__()
         self.require_unit("normal")
         self.require(self._reals("restitution") <= 1, "restitution must not be above 1")
-        self.require(self._reals("slow") > 0, "slow must be positive")
+        self.require(self._reals("rest_speed") > 0, "rest_speed must be positive")
 
     def check_points(self, masses, positions, columns):
         super().check_points(masses, positions, columns)
@@ -68,6 +68,6 @@ class RigidStop(Body):
 
     @staticmethod
     @element
-    def velocity_after(v, normal, restitution, slow):
+    def velocity_after(v, normal, restitution, rest_speed):
         rate = dot(normal, v)
-        return add(v, scale(rebound(rate, restitution, slow) - rate, normal))
+        return add(v, scale(rebound(rate, restitution, rest_speed) - rate, normal))

@@ -11,8 +11,24 @@ from numpy.typing import ArrayLike
 from ..scene.constraint import Constraint, Equation
 
 
+class OfDistance(Constraint):
+    """Two points at a given distance."""
+
+    def equations(self, points: list[np.ndarray], values: dict[str, Any]) -> list[Equation]:
+        way = np.array([-1.0, 1.0]), np.zeros(len(points[0]))
+        length = float(values.get("length", np.linalg.norm(points[1] - points[0])))
+        return [Equation(way, way, 1 / (2 * length), length * length)]
+
+    def check_points(
+        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
+    ) -> None:
+        super().check_points(masses, positions, columns)
+        if (positions[0] == positions[1]).all(axis=-1).any():
+            raise ValueError(f"{self.title} has no direction where its ends coincide: take a PointJoint, or one point.")
+
+
 @dataclass(frozen=True, eq=False)
-class Rod(Constraint):
+class Rod(OfDistance):
     """Two points whose distance stays the same.
 
     Its reaction is the force with which it pushes its ends apart, N: the tension of the rod is minus the reaction.
@@ -35,17 +51,5 @@ class Rod(Constraint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.length is not None and not callable(self.length):
+        if self.length is not None:
             self.require(self._reals("length") > 0, "length must be positive")
-
-    def equations(self, points: list[np.ndarray], values: dict[str, Any]) -> list[Equation]:
-        way = np.array([-1.0, 1.0]), np.zeros(len(points[0]))
-        length = float(values.get("length", np.linalg.norm(points[1] - points[0])))
-        return [Equation(way, way, 1 / (2 * length), length * length)]
-
-    def check_points(
-        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
-    ) -> None:
-        super().check_points(masses, positions, columns)
-        if (positions[0] == positions[1]).all(axis=-1).any():
-            raise ValueError(f"{self.title} has no direction where its ends coincide: take a Weld, or one point.")

@@ -1,6 +1,6 @@
-"""Forces between two points that end smoothly at a distance, the reach.
+"""Forces between two points that end smoothly at a distance, the cutoff.
 
-The shifted force of molecular dynamics: the tension less its value at the reach, and the potential that belongs to it.
+The shifted force of molecular dynamics: the tension less its value at the cutoff, and the potential that belongs to it.
 Both are 0 from there on, so that neither the force nor the energy jumps where a pair parts.
 """
 
@@ -11,27 +11,35 @@ from ..scene.effect import Link
 
 
 @element
-def shifted_tension(r, reach, tension, pull_at_reach):
-    return tension - pull_at_reach if r < reach else 0.0
+def shifted_tension(r, cutoff, tension, pull_at_cutoff):
+    return tension - pull_at_cutoff if r < cutoff else 0.0
 
 
 @element
-def shifted_potential(r, reach, potential, pull_at_reach, energy_at_reach):
-    return potential - energy_at_reach - (r - reach) * pull_at_reach if r < reach else 0.0
+def shifted_potential(r, cutoff, potential, pull_at_cutoff, energy_at_cutoff):
+    return potential - energy_at_cutoff - (r - cutoff) * pull_at_cutoff if r < cutoff else 0.0
 
 
 class Shifted(Link):
-    """A link with the fields reach, and pull_at_reach and energy_at_reach, which are computed by `_shift`."""
+    """A link with the fields cutoff, pull_at_cutoff and energy_at_cutoff; `_shift` computes the last two.
 
-    cutoff = "reach"
+    The cutoff of some is None: then the force acts at all distances, and nothing is shifted.
+    """
+
     picture = ""
+
+    @property
+    def cutoff_field(self):
+        return "" if self.cutoff is None else "cutoff"
 
     def needs_direction(self, columns):
         return True
 
     def _shift(self, tension, potential, *given):
-        """Compute the tension and the potential at the reach from functions of the reach and of fields."""
-        reach, *values = (self._reals(name) for name in ("reach", *given))
-        self.require(reach > 0, "reach must be positive")
-        for name, function in (("pull_at_reach", tension), ("energy_at_reach", potential)):
-            object.__setattr__(self, name, np.vectorize(function, otypes=[float])(reach, *values))  # a frozen record
+        """Compute the tension and the potential at the cutoff from functions of the cutoff and of fields."""
+        if self.cutoff is None:
+            return
+        cutoff, *values = (self._reals(name) for name in ("cutoff", *given))
+        self.require(cutoff > 0, "cutoff must be positive")
+        for name, function in (("pull_at_cutoff", tension), ("energy_at_cutoff", potential)):
+            object.__setattr__(self, name, np.vectorize(function, otypes=[float])(cutoff, *values))  # a frozen record

@@ -61,7 +61,7 @@ class Tetrahedron(Cell):
     picture = "surface"
     offers = offers_of(variable, conjugate, shape)
     needs = (conjugate,)
-    measure, pace, spread = gradient, gradient_rate, nodal_forces
+    value, rate, forces = gradient, gradient_rate, nodal_forces
 
     def shape_columns(self, rest):
         edges = np.stack([corner - rest[0] for corner in rest[1:]], axis=-1)

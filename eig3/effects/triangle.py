@@ -50,7 +50,7 @@ class Triangle(Cell):
     picture = "surface"
     offers = offers_of(variable, conjugate, shape)
     needs = (conjugate,)
-    measure, pace, spread = gradient, gradient_rate, nodal_forces
+    value, rate, forces = gradient, gradient_rate, nodal_forces
 
     def __post_init__(self):
         super().__post_init__()

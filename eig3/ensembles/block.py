@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..diagnosis.divergence import became_non_finite, lost_constraints
 from ..functions.guard import not_finite_at_start
-from ..kernels.protocol import LOW, SCALAR, T_HIGH, T_LOW, TERMINAL, VECTOR
+from ..kernels.protocol import SCALAR, VECTOR
 from ..result.solution import Status
 from ..run.growth import BLOWN_UP, OVERFLOWING, natural_sizes
-from ..run.run import ended_by_event, unwritten_entry
+from ..run.run import unwritten_entry
 from ..stepping.march import Cancel
-from .block_setup import FIRST_CHUNK, BlockSetup, SignOf
-from .growth import sizes_with_half_the_step
+from ..stepping.options import NEVER
+from .lane_observer import search_steps
 from .lane_state import LaneState
+from .lanewise import FIRST_CHUNK, Setup
 from .single_members import Alone
 
 _SCRATCH_VALUES = 2**16  # values in an array of the states of a chunk: 512 kB, so that it stays in the cache
@@ -26,7 +28,7 @@ _SAME = 2.0  # sizes with h and with h/2 within this factor are a property of th
 _OTHER = 1e3  # sizes that differ by this factor are a result of the step
 
 
-class Block:
+class Block(Alone):
     """At most as many members of an ensemble as there are lanes.
 
     A lane whose member has ended, or that has none, repeats a member that still runs. So it cannot fail where that
@@ -38,21 +40,18 @@ class Block:
 
     Parameters
     ----------
-    shared : BlockSetup
+    shared : Setup
     numbers : ndarray of int
         The numbers of the members.
     """
 
-    def __init__(self, shared: BlockSetup, numbers: np.ndarray) -> None:
-        self.shared, self.numbers = shared, numbers
-        self.seconds = 0.0  # in the kernel
+    def __init__(self, shared: Setup, numbers: np.ndarray) -> None:
+        super().__init__(numbers, shared.histories, shared.single)
+        self.shared = shared
         self._state: Any = None
         self._runs = np.zeros(shared.layout.lanes, dtype=bool)  # the lanes whose member has not ended
         self._fired: list[int] = []  # the members with an event
         self._checked = 0  # the step index at which rhs was last seen to write every entry
-
-    def __len__(self) -> int:
-        return len(self.numbers)
 
     def run(self, stop: Cancel) -> None:
         """Run the members to their ends, or until `stop` is set."""
@@ -63,19 +62,13 @@ class Block:
                 while self._runs.any() and not stop.is_set():
                     self._advance()
                 self._interrupt("The run was interrupted")
-                self._run_fired()
+                self._drop_state()
+                self.run_alone(self._fired, stop)
             except Exception as error:
                 self._interrupt(f"The run raised {type(error).__name__}")
                 raise
             finally:
                 self._drop_state()
-
-    def _run_fired(self) -> None:
-        """Run the members with events again, as single runs."""
-        self._drop_state()
-        singles = Alone(np.array(self._fired, dtype=np.int64), self.shared.histories, self.shared.single)
-        singles.run(self._stop)
-        self.seconds += singles.seconds
 
     def _drop_state(self) -> None:
         """Free the memory of the states: many blocks may wait for the others."""
@@ -87,13 +80,13 @@ class Block:
         shared, lanes = self.shared, np.arange(self.shared.layout.lanes)
         runs = lanes < len(self.numbers)
         self._members = self.numbers[np.where(runs, lanes, 0)]
-        self._ends = shared.members.n_steps[self._members]  # the step indices at which the members end
+        self._ends = self.histories.members.n_steps[self._members]  # the step indices at which the members end
         self._failed: dict[int, str] = {}  # why a member ends early, by its lane
-        self._state = state = LaneState(shared, self._members)
+        self._state = state = LaneState(shared, self.histories.members, self._members)
         self._runs = runs
         self._set_natural()
         u, v = state.values
-        self._save(0, u[None], v[None], {name: state.tracks.start[name][None] for name in shared.histories.outputs})
+        self._save(0, u[None], v[None], {name: state.observer.start[name][None] for name in self.histories.outputs})
         self._end_broken(state.first_acceleration)
 
     def _set_natural(self) -> None:
@@ -122,14 +115,14 @@ class Block:
         nearest = min([self._ends[self._runs].min(), *half])
         if self.shared.stops:  # most members may end soon
             nearest = min(nearest, _LONGER * max(index, FIRST_CHUNK))
-        return min(int(nearest), index + min(self.shared.pace.steps, self._most_states * self.shared.histories.every))
+        return min(int(nearest), index + min(self.shared.pace.steps, self._most_states * self.histories.every))
 
     def _advance(self) -> None:
         """Take a chunk of steps. If a member fails on the way, stay, and let it end at its last finite state."""
         state, target, before = self._state, self._target(), self._state.save()
         begin = time.perf_counter()
         try:
-            states = state.advance(target, self.shared.histories.every, self._stop)
+            states = state.advance(target, self.histories.every, self._stop)
             reached = state.index
             failed = self._runs & ~state.is_finite
             if failed.any():
@@ -155,39 +148,27 @@ class Block:
 
         It is also -1 where it is not known, because a g was zero or NaN at the start: such a member runs alone.
         """
-        tracks, first = self._state.tracks, np.full(len(self._runs), np.inf)
-        for name in self.shared.quantities if self.shared.stops else ():
-            low, _, t, _ = tracks.extremes(name)[:, 0]
-            index = np.where(np.isnan(t), -1, self._state.index_of(t))
-            first = np.minimum(first, np.where(low > 0, np.inf, index))
+        if not self.shared.stops:
+            return np.full(len(self._runs), -1)
+        has_crossed, t = self._state.observer.crossings
+        index = np.where(np.isnan(t), -1, self._state.index_of(t))
+        first = np.where(has_crossed, index, np.inf).min(axis=0)
         return np.where(first < np.inf, first, -1).astype(np.int64)
 
     def _stop_lanes(self, before: tuple) -> None:
         """End the members that an event has ended since the state `before`."""
-        index, histories, stops = self._crossings(), self.shared.histories, self.shared.stops
-        assert stops
+        index, state = self._crossings(), self._state
         lanes = np.flatnonzero(self._runs & (index > before[0]))
         if not lanes.size:
             return
-        tracks, now = self._state.tracks, self._state.save()
-        self._state.restore(before)
-        u, v = self._state.catch(np.array([index - 1, index]), int(index[lanes].max()), self._stop)
-        self._state.restore(now)
+        now = state.save()
+        state.restore(before)
+        u, v = state.catch(np.array([index - 1, index]), int(index[lanes].max()), self._stop)
+        state.restore(now)
         if self._stop.is_set():  # some states may be missing
             return
-        looks = [(tracks.latest(name)[0, lanes], tracks.extremes(name)[:, 0, lanes]) for name in self.shared.quantities]
-        sides = np.column_stack([np.where(np.isnan(ends[T_LOW]), side, ends[T_HIGH]) for side, ends in looks])
-        found = stops.search(self._members[lanes], index[lanes], sides, u[..., lanes], v[..., lanes])
-        lanes = lanes[found.chosen]
-        members = self._members[lanes]
-        histories.stop(members, index[lanes] - 1, found.t, found.u, found.v, found.n_rhs)
-        n = self.shared.layout.n
-        event, t, rows = found.rows[:, 0], found.rows[:, 1], found.rows[:, 2:].reshape(-1, 4, n)
-        histories.note_events(members[found.row_of], event, t, rows)
-        names = list(stops.system.events)
-        for member, t, event in zip(members.tolist(), found.t.tolist(), found.event.tolist(), strict=True):
-            histories.judge(member, *ended_by_event(TERMINAL, names[event], t))
-        self._leave(np.isin(np.arange(len(self._runs)), lanes))
+        given = self._members[lanes], index[lanes], state.observer.sides(lanes), u[..., lanes], v[..., lanes]
+        self._leave(np.isin(np.arange(len(self._runs)), lanes[search_steps(self.shared, *given)]))
 
     def _find_ends(self, lanes: np.ndarray, target: int) -> None:
         """Set the ends of the members in these lanes, which are not finite at the step index `target`."""
@@ -203,7 +184,7 @@ class Block:
                 degree = None if self.shared.layout.form is SCALAR else int(np.argmin(finite[step, :, place]))
                 what = became_non_finite(state.t0 + (first + step) * state.h[lane], state.h[lane], degree)
                 self._ends[lane] = first + step
-                lost = lost_constraints(self.shared.keeping is not None)
+                lost = lost_constraints(bool(self.shared.leap or self.shared.project))
                 self._failed[lane] = f"{what}{lost}; solution.explain() looks for the reason."
             lanes = lanes[good.all(axis=0)]
 
@@ -212,7 +193,7 @@ class Block:
         shared, state = self.shared, self._state
         if shared.layout.form is VECTOR and (state.index - self._checked >= _CHECKED_STEPS or self._is_end()):
             self._check_written()
-        self._save(first // shared.histories.every + 1, u, v, outputs)
+        self._save(first // self.histories.every + 1, u, v, outputs)
         half = self._half == state.index
         if half.any():
             u_size, v_size = state.sizes
@@ -235,7 +216,7 @@ class Block:
         if len(u):
             runs = self._runs
             chosen = {name: values[..., runs] for name, values in outputs.items()}
-            self.shared.histories.save(self._members[runs], row, u[..., runs], v[..., runs], chosen)
+            self.histories.save(self._members[runs], row, u[..., runs], v[..., runs], chosen)
 
     def _interrupt(self, what: str) -> None:
         """End all members that still run."""
@@ -248,17 +229,16 @@ class Block:
         """End the members in the lanes of a mask. Those with an entry in `_failed` get the status `failure`."""
         if not ended.any():
             return
-        histories, members, state = self.shared.histories, self._members, self._state
+        histories, members, state = self.histories, self._members, self._state
         u, v = state.values
-        outputs = {name: state.tracks.latest(name)[:, ended] for name in histories.outputs}
+        outputs = {name: state.observer.latest(name)[:, ended] for name in histories.outputs}
         histories.end(members[ended], state.index, u[:, ended], v[:, ended], outputs, state.n_rhs)
-        for name, start in state.tracks.start.items():
-            if not isinstance(name, SignOf):
-                histories.bound(name, members[ended], start[:, ended], state.extremes(name)[..., ended])
+        for name, start in state.observer.start.items():
+            histories.bound(name, members[ended], start[:, ended], state.extremes(name)[..., ended])
         for lane in np.flatnonzero(ended).tolist():
             if lane in self._failed:
                 histories.judge(int(members[lane]), failure, self._failed[lane])
-        fired = self._have_fired() & ended
+        fired = state.observer.crossings[0].any(axis=0) & ended if self.shared.events else np.zeros_like(ended)
         for member in members[fired].tolist():
             histories.judge(member, Status.INTERRUPTED, "The run was interrupted before the events were found.")
             self._fired.append(member)
@@ -270,14 +250,6 @@ class Block:
         self._runs &= ~ended
         if self._runs.any():
             self._state.repeat(int(np.argmax(self._runs)), ~self._runs)
-
-    def _have_fired(self) -> np.ndarray:
-        """Return a mask of the members in which the function of an event was zero or NaN, or changed its sign."""
-        fired = np.zeros(len(self._runs), dtype=bool)
-        for name in self.shared.quantities:
-            if isinstance(name, SignOf):
-                fired |= ~(self._state.tracks.extremes(name)[LOW, 0] > 0)
-        return fired
 
     def _suspects(self) -> np.ndarray:
         """Return a mask of the members that grew so much that the step may be the reason."""
@@ -293,7 +265,7 @@ class Block:
         motion is random, a run alone does: it finds the critical steps, which takes longer than thousands of steps in
         lanes.
         """
-        histories, state = self.shared.histories, self._state
+        histories, state = self.histories, self._state
         suspects = suspects & (histories.status[self._members] == Status.COMPLETED)
         if not suspects.any():
             return
@@ -309,7 +281,7 @@ class Block:
                 message = "The run was interrupted before it was known whether the motion grew because of its step."
                 histories.judge(member, Status.INTERRUPTED, message)
             elif ratio[lane] < _OTHER:
-                alone = self.shared.alone(member, self._stop)
+                alone = self.single.plain(member, self._stop)
                 histories.judge(member, alone.status, alone.message)
             else:
                 histories.judge(
@@ -322,5 +294,9 @@ class Block:
 
     def _with_half_the_step(self, suspects: np.ndarray) -> np.ndarray:
         """Return the largest |u| and |v| at the end of the suspects with half the step, shape (2, lanes)."""
-        model = self._members[np.argmax(suspects)]
-        return sizes_with_half_the_step(self.shared, np.where(suspects, self._members, model), self._stop)
+        everyone, model = self.histories.members, self._members[np.argmax(suspects)]
+        members = np.where(suspects, self._members, model)
+        halved = replace(everyone, h=everyone.h / 2, n_steps=2 * everyone.n_steps)
+        state = LaneState(self.shared, halved, members)
+        state.advance(int(halved.n_steps[members[0]]), NEVER, self._stop)
+        return np.array(state.sizes)

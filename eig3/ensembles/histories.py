@@ -11,10 +11,11 @@ import numpy as np
 
 from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
-from ..kernels.protocol import SCALAR
+from ..kernels.protocol import SCALAR, TERMINAL
 from ..result.columns import OF_RUNS, each
 from ..result.memory import check_members_history, n_rows
 from ..result.solution import Solution, Status, whole_rows
+from ..run.run import ended_by_event
 from ..stepping.options import RunOptions
 from .members import Members
 from .occurrences import MemberOccurrences
@@ -88,7 +89,7 @@ class Histories:
             for place in np.flatnonzero(~complete):
                 member = int(chosen[place])
                 t = self.members.t_span[0] + index * float(self.members.steps[member])
-                last: dict[str, Any] = {"t": t, "integrals": {}}
+                last: dict[str, Any] = {"t": t, "quadratures": {}}
                 last["u"], last["v"] = (self.shaped(x[:, place].copy()) for x in (u, v))
                 last["outputs"] = {name: self._valued(name, x[:, place].copy()) for name, x in outputs.items()}
                 self.last[member] = last
@@ -122,7 +123,7 @@ class Histories:
     def take(self, member: int, solution: Solution) -> None:
         """Store the result of a member that ran alone."""
         t, u, v = whole_rows(solution, self.members.n)
-        states = {"t": t, "u": u, "v": v, "steps": solution.steps, "outputs": solution.outputs, "integrals": {}}
+        states = {"t": t, "u": u, "v": v, "steps": solution.steps, "outputs": solution.outputs, "quadratures": {}}
         rows = len(t)
         self.last.pop(member, None)  # of the same member in lanes
         if self.options.has_own_times:
@@ -176,16 +177,20 @@ class Histories:
             values[later], values[places, last] = np.nan, end
             whole[chosen] = values
 
-    def note_events(self, member: np.ndarray, event: np.ndarray, t: np.ndarray, states: np.ndarray) -> None:
-        """Store occurrences of members that ran in lanes: the number of each event, and u and v before and after it.
-
-        `states` has the shape (occurrences, 4, n).
-        """
-        degrees = slice(states.shape[2] - len(self.options.integrals))
+    def note_events(self, member: np.ndarray, rows: np.ndarray) -> None:
+        """Store occurrences of members that ran in lanes, from the rows of a log: see `eig3.kernels.protocol.Watch`."""
+        n = self.members.n
+        states = rows[:, 2:].reshape(len(rows), 4, n)[..., : n - len(self.options.quadratures)]
         for k, name in enumerate(self.events):
-            mine = event == k
-            rows = (self.shaped(states[mine, i, degrees]) for i in range(4))
-            self.events[name].append((member[mine], Occurrences(t[mine], *rows)))
+            mine = rows[:, 0] == k
+            found = (self.shaped(states[mine, i]) for i in range(4))
+            self.events[name].append((member[mine], Occurrences(rows[mine, 1], *found)))
+
+    def end_by_events(self, chosen: np.ndarray, event: np.ndarray, t: np.ndarray) -> None:
+        """Judge members that the events of these numbers have ended."""
+        names = list(self.events)
+        for member, k, time in zip(chosen.tolist(), event.tolist(), t.tolist(), strict=True):
+            self.judge(member, *ended_by_event(TERMINAL, names[int(k)], time))
 
     def _store(self, member: int, rows: int, states: Mapping[str, Any]) -> None:
         """Write the rows of a member, and NaN after them."""
@@ -216,7 +221,7 @@ class Histories:
         again: Callable[..., EnsembleSolution] | None,
     ) -> EnsembleSolution:
         """Return the result of the ensemble, or of its part."""
-        rows, degrees = slice(self._longest), self.u.shape[2] - len(self.options.integrals)
+        rows, degrees = slice(self._longest), self.u.shape[2] - len(self.options.quadratures)
         shape = () if self.members.form is SCALAR else (degrees,)
         extremes = {name: each(partial(self._valued, name), x) for name, x in self.extremes.items()}
         solution = EnsembleSolution(
@@ -238,8 +243,8 @@ class Histories:
             _repeat=repeat,
             _again=again,
         )
-        if self.options.integrals:
-            solution._separate(self.options.integrals)
+        if self.options.quadratures:
+            solution._separate(self.options.quadratures)
         return solution
 
     @property

@@ -15,30 +15,20 @@ from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback
 from ..functions.checks import check_time
-from ..functions.companions import constraints_of
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
-from ..functions.layout import bound_layout
-from ..functions.quantities import Functions, Quantity
 from ..kernels.compile.interrupt import DeferredInterrupt
-from ..kernels.compile.numba_internals import gist
-from ..kernels.constraint_lanes import Straight
-from ..kernels.lanes import Lanes, Layout, compile_quantity, compile_rhs, compile_watched
-from ..kernels.loops.fixed import wide_kernel
-from ..kernels.protocol import FOLLOWS, VECTOR
 from ..run.progress import Progress
 from ..stepping.march import Cancel, March
+from ..stepping.observer import further_times
 from ..stepping.options import RunOptions
 from ..stepping.team import alone
-from ..stepping.watching import further_times
-from .adaptive import LANES, Adaptive, AdaptiveBlock, in_lanes, runs_in_lanes
+from .adaptive import AdaptiveBlock
 from .block import Block
-from .block_setup import BlockSetup, SignOf
 from .histories import Histories
-from .lanewise import MOST_DEGREES, ROWS_FOLLOWED, constrained_of, keeping_of, lanes_of, layout_of
+from .lanewise import in_lanes
 from .members import Members
 from .single_members import Alone, Singles
 from .solution import EnsembleSolution
-from .stops import Stops
 
 _ALONE = 16  # members of a piece of work that runs them one at a time
 _PIECES = 4  # of the members with tolerances, for each thread
@@ -48,33 +38,6 @@ _POLL_SECONDS = 0.05  # between two looks for Ctrl-C
 def cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _not_in_lanes(error: Exception) -> str:
-    return (
-        f"The members run one at a time, because a function does not compile for lanes: {gist(error)}; write "
-        "loops over single values, without array expressions and without functions of whole arrays."
-    )
-
-
-_AT_TIMES = "The members run one at a time, because lanes with fixed steps have no t_eval; save_every is possible."
-_MANY_CONSTRAINTS = (
-    "The members run one at a time, because lanes are for scenes with at most 8 constraints and 24 degrees of freedom, "
-    "with forces on at most 8 points of bodies, and without near pairs and constraints that depend on the time or have "
-    "a phi of their own."
-)
-_OTHER_CONSTRAINTS = (
-    "The members run one at a time, because params are those of scenes whose constraints join other points than those "
-    "of this problem; make a problem of each such scene."
-)
-_SPARSE = (
-    "The members run one at a time, because params have a sparse matrix and differ between members; lanes read "
-    "a sparse matrix only from params that all members share."
-)
-_FOLLOWED = (
-    "The members run one at a time, because runs with tolerances in lanes have no save_every, no invariants and no "
-    "outputs; t_eval and events are possible."
-)
 
 
 class _Stop:
@@ -97,11 +60,8 @@ class Run:
     def __init__(self, rhs: Any, members: Members, options: RunOptions, threads: int, *, is_part: bool = False) -> None:
         self.rhs, self.members, self.options, self.threads, self.is_part = rhs, members, options, threads, is_part
         self.histories = Histories(members, options)
-        self.notes: list[str] = []
         self._single = Singles(rhs, members, options)
         self._callback = check_callback(rhs, "rhs", members.form)
-        self._straight, self._refusal = _straight_of(rhs, members)
-        self._invariants, self._outputs = options.functions.quantities(members.form)
         self._check_start()
         self.work = self._work()
 
@@ -115,9 +75,7 @@ class Run:
         for i in range(len(members)):
             u, v, p = members.start(i)
             if is_finite_at_start(self._callback, members.form, t0, u, v, p):
-                stepper = self._at_start(i)
-                for output in self._outputs.values():
-                    output.at_start(t0, *stepper.start, stepper.params, np.empty(output.width))
+                self._at_start(i)
                 return
         try:
             self._at_start(0)
@@ -126,104 +84,21 @@ class Run:
                 raise
 
     def _at_start(self, i: int) -> March:
-        start = self.members.start(i, len(self.options.integrals))
+        start = self.members.start(i, len(self.options.quadratures))
         return self._single.prepared(i).at_start(self.members.t_span, *start)
 
-    def _work(self) -> list[Block | AdaptiveBlock | Alone]:
-        adaptive = self._adaptive() if self.options.has_tolerances else None
-        if adaptive:
-            m = len(self.members)
-            pieces = max(1, min(_PIECES * self.threads, m // (_PIECES * LANES))) if self.threads > 1 else 1
-            return [AdaptiveBlock(adaptive, numbers) for numbers in np.array_split(np.arange(m), pieces)]
+    def _work(self) -> list[Alone]:
+        shared, note = in_lanes(self.rhs, self._callback, self.histories, self._single, self.threads)
+        self.notes = [note] if note else []
+        m = len(self.members)
         order = np.argsort(self.members.n_steps, kind="stable")  # the members of a block end at similar times
-        shared = self._shared()
-        if shared:
-            lanes = shared.layout.lanes
-            return [Block(shared, order[i : i + lanes]) for i in range(0, len(order), lanes)]
-        return [Alone(order[i : i + _ALONE], self.histories, self._single) for i in range(0, len(order), _ALONE)]
-
-    def _adaptive(self) -> Adaptive | None:
-        """Compile what runs in lanes with tolerances; return None if the members run one at a time."""
-        options, members = self.options, self.members
-        if not runs_in_lanes(members, self._straight):
-            return None
-        if self._refusal:
-            self.notes.append(self._refusal)
-            return None
-        if options.save_every is not None or self._invariants or self._outputs:
-            self.notes.append(_FOLLOWED)
-            return None
-        given = members, self._single.prepared(0), [*self._followed().values()], self.histories, self._single
-        try:
-            adaptive = in_lanes(self.rhs, self._callback, self._straight, *given)
-        except Exception as error:
-            self.notes.append(_not_in_lanes(error))
-            return None
-        if adaptive.rhs.obstacle:
-            self.notes.append(f"rhs is not vectorised: {adaptive.rhs.obstacle}.")
-        return adaptive
-
-    def _shared(self) -> BlockSetup | None:
-        """Compile what runs in lanes; return None if the members run one at a time."""
-        options, members = self.options, self.members
-        if options.has_tolerances:
-            return None
-        if options.t_eval is not None:
-            self.notes.append(_AT_TIMES)
-            return None
-        if self._refusal:
-            self.notes.append(self._refusal)
-            return None
-        method, straight = options.method.for_force(self._callback.reads_velocity, members.n), self._straight
-        method = method.with_constraints() if straight else method
-        followed = self._followed()
-        rows = sum(1 if isinstance(name, SignOf) else ROWS_FOLLOWED * q.width for name, q in followed.items())
-        rows += straight.room + members.n if straight else 0
-        layout = layout_of(members, method, rows, self.threads)
-        if layout is None:
-            return None
-        try:
-            mine, keeping = (self.rhs, self._callback, layout), None
-            if straight:
-                rhs = constrained_of(*mine, straight, VECTOR.rhs, compile_rhs)
-                keeping = keeping_of(*mine, straight, bool(method.second))
-            else:
-                rhs = lanes_of(*mine, compile_rhs)
-            quantities = {name: (q, self._compiled(name, q, layout)) for name, q in followed.items()}
-        except Exception as error:
-            self.notes.append(_not_in_lanes(error))
-            return None
-        if rhs.obstacle:
-            self.notes.append(f"rhs is not vectorised: {rhs.obstacle}.")
-        looks = FOLLOWS if quantities or (keeping and not keeping.is_leap) else 0
-        kernel = wide_kernel(method.formulas, looks, method.second)
-        plain: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "functions": Functions({}, {})}
-        alone = Singles(self.rhs, members, options, **plain)
-        stops = Stops(self._single.prepared(0).system, members, method) if self._is_stopped() else None
-        given = rhs, keeping, quantities, stops, self.histories, alone, self._single
-        return BlockSetup(members, layout, method, kernel, *given)
-
-    def _is_stopped(self) -> bool:
-        """Whether members in lanes with fixed steps look for events that do nothing but end them, and for no more."""
-        events = self.options.events.values()
-        only_ends = bool(events) and all(event.terminal and event.apply is None for event in events)
-        return only_ends and not (self._invariants or self._outputs or self._straight)
-
-    def _compiled(self, name: Any, q: Quantity, layout: Layout) -> Lanes:
-        """Compile a quantity, or the function of an event, for lanes."""
-        if isinstance(name, SignOf):
-            direction = int(self.options.events[name.event].direction)
-            return lanes_of(q.function, q.callback, layout, compile_watched, direction, self._is_stopped())
-        return lanes_of(q.function, q.callback, layout, compile_quantity, q.shape)
-
-    def _followed(self) -> dict[Any, Quantity]:
-        """Return what is evaluated at each step: the invariants, the outputs, and the functions of the events."""
-        form = self.members.form
-        events = {
-            SignOf(name): Quantity(f"events[{name!r}].g", event.g, form=form)
-            for name, event in self.options.events.items()
-        }
-        return {**self._invariants, **self._outputs, **events}
+        if shared is None:
+            return [Alone(order[i : i + _ALONE], self.histories, self._single) for i in range(0, m, _ALONE)]
+        lanes = shared.layout.lanes
+        if self.options.has_tolerances:
+            pieces = max(1, min(_PIECES * self.threads, m // (_PIECES * lanes))) if self.threads > 1 else 1
+            return [AdaptiveBlock(shared, numbers) for numbers in np.array_split(order, pieces)]
+        return [Block(shared, order[i : i + lanes]) for i in range(0, m, lanes)]
 
     def march(self, progress: bool = False, cancel: Cancel | None = None) -> EnsembleSolution:
         """Run the members to their ends, or until `cancel` is set."""
@@ -279,21 +154,6 @@ class Run:
         again = None if self.is_part else partial(_again, self.rhs, self.members, self.options)
         given = self.rhs, self.members, self.options, self.histories
         return _result(*given, seconds, self.notes, again=again)
-
-
-def _straight_of(rhs: Any, members: Members) -> tuple[Straight | None, str]:
-    """Return the constraints of a scene for lanes, if there are any, or why the members run one at a time."""
-    layout = bound_layout(rhs)
-    if layout and members.has_own_params and members.n <= MOST_DEGREES and any(kind.ndim < 0 for kind in layout.kinds):
-        return None, _SPARSE
-    constraints = constraints_of(rhs)
-    if constraints is None:
-        return None, ""
-    if constraints.straight is None:
-        return None, _MANY_CONSTRAINTS
-    if not constraints.straight.are_those_of(members.params):
-        return None, _OTHER_CONSTRAINTS
-    return constraints.straight, ""
 
 
 def at_start(rhs: Any, members: Members, options: RunOptions) -> EnsembleSolution:

@@ -11,9 +11,9 @@ from ..result.memory import aligned
 from ..stepping.march import Cancel
 from ..stepping.options import NEVER
 from ..stepping.slices import Slices
-from .block_setup import BlockSetup
+from .lane_observer import LaneObserver
+from .lanewise import Setup
 from .members import Members
-from .tracks import Tracks
 
 _GUARD_ROWS = 4  # of NaN on each side of u, v and a in the first evaluation
 _NONE = np.empty((0, 0))
@@ -27,7 +27,8 @@ class LaneState:
 
     Parameters
     ----------
-    shared : BlockSetup
+    shared : Setup
+    everyone : Members
     members : ndarray of int, shape (lanes,)
         The member of each lane.
 
@@ -39,22 +40,19 @@ class LaneState:
         Number of steps taken.
     first_acceleration : ndarray, shape (n, lanes)
         The accelerations at the start.
-    tracks : Tracks
-        The invariants and outputs.
+    observer : LaneObserver
     seconds : float
         Time in the kernel, s.
     """
 
-    def __init__(self, shared: BlockSetup, members: np.ndarray) -> None:
-        layout, everyone, formulas = shared.layout, shared.members, shared.method.formulas
+    def __init__(self, shared: Setup, everyone: Members, members: np.ndarray) -> None:
+        layout, formulas = shared.layout, shared.method.formulas
         self.layout, self.t0, self.index, self.seconds = layout, everyone.t_span[0], 0, 0.0
         self.h = np.ascontiguousarray(everyone.steps[members])
         self._unit = self.h if layout.has_own_step else np.ones(layout.lanes)
         self._clock = (1.0, 0.0) if layout.has_own_step else (float(self.h[0]), self.t0)  # h and t0 of the kernel
-        self._rhs, self._kernel, self._stops, keeping = shared.rhs, shared.kernel, shared.stops, shared.keeping
-        leap = keeping.function.address if keeping and keeping.is_leap else None
-        project = keeping.function.address if keeping and not keeping.is_leap else 0
-        self._callbacks = shared.rhs.address, leap
+        self._rhs, self._kernel, self._stops = shared.rhs, shared.kernel, shared.stops
+        self._callbacks = shared.rhs.address, shared.leap.address if shared.leap else None
         self._slices = Slices(shared.pace.seconds)
         self._method, self._tally = shared.method, np.zeros(EVENTS)
         self._set_numbers(everyone.first + members)
@@ -68,9 +66,10 @@ class LaneState:
         self._rows = self._state.reshape(-1, *u.shape)
         for row, values in zip(self._rows, (u, v, *formulas.start(u, v, a, self._clock[0])), strict=False):
             row[:] = values
-        self.tracks = Tracks(shared.quantities, layout, project)
-        self.tracks.begin(self._clock[1], u.ravel(), v.ravel(), self._p)
-        self._look = Look(_NO_WATCH, self.tracks.record) if shared.quantities or project else None
+        self.observer = LaneObserver(shared)
+        self.observer.begin(self._clock[1], u.ravel(), v.ravel(), self._p)
+        looks = shared.quantities or shared.events or shared.project
+        self._look = Look(_NO_WATCH, self.observer.record) if looks else None
         self._saves = {name: (shared.quantities[name][0].width, layout.lanes) for name in shared.histories.outputs}
         self._reserve(0)
 
@@ -163,7 +162,7 @@ class LaneState:
             self.index += steps
             if stop.is_set():
                 break
-        self.tracks.check()
+        self.observer.check()
         states = self.index // every - first // every
         if self.layout.has_own_step:
             self._v[:states] /= self._unit
@@ -182,10 +181,10 @@ class LaneState:
         t = t0 + (np.take_along_axis(places, order, axis=1) - 0.5) * h
         passed = np.repeat((places <= self.index).sum(axis=1), size)
         caught = np.array([t.ravel(), order.ravel(), v.ravel(), passed])
-        address = self._stops.caught.address
+        address = self._stops[1].address
         table = np.array([[address, size, i * size, i * size, 0, -1] for i in range(k)])
         usual = self._look
-        self._look = Look(_NO_WATCH, self.tracks.record._replace(table=table, out=u.reshape(-1), extremes=caught))
+        self._look = Look(_NO_WATCH, self.observer.record._replace(table=table, out=u.reshape(-1), extremes=caught))
         try:
             self.advance(target, target + 1, stop)  # which saves no state
         finally:
@@ -196,15 +195,15 @@ class LaneState:
         """Make room for states to save, and for the outputs in them."""
         self._u, self._v = np.empty((2, states, *self._rows.shape[1:]))
         self._outputs = {name: np.empty((states, *shape)) for name, shape in self._saves.items()}
-        self.tracks.save_in(self._outputs)
+        self.observer.save_in(self._outputs)
 
     def save(self) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Return a copy of the states, for `restore`."""
-        return self.index, self._state.copy(), self._tally.copy(), self.tracks.numbers.copy()
+        return self.index, self._state.copy(), self._tally.copy(), self.observer.numbers.copy()
 
     def restore(self, saved: tuple[int, np.ndarray, np.ndarray, np.ndarray]) -> None:
         """Go back to states that `save` has returned."""
-        self.index, self._state[:], self._tally[:], self.tracks.numbers[:] = saved
+        self.index, self._state[:], self._tally[:], self.observer.numbers[:] = saved
 
     def repeat(self, model: int, lanes: np.ndarray) -> None:
         """Copy a lane to the lanes of a mask."""
@@ -217,7 +216,7 @@ class LaneState:
 
     def extremes(self, name: str) -> np.ndarray:
         """The minimum and the maximum of a quantity so far, and the step indices where they occurred: (4, k, lanes)."""
-        found = self.tracks.extremes(name).copy()
+        found = self.observer.extremes(name).copy()
         found[T_LOW:] = self.index_of(found[T_LOW:])
         return found
 

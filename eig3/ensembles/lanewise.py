@@ -1,48 +1,231 @@
-"""Decide how the members of an ensemble run: in lanes, or one at a time."""
+"""Decide how the members of an ensemble run, in lanes or one at a time, and compile what runs in lanes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any
 from weakref import WeakKeyDictionary
 
 from ..functions.callbacks import Callback
-from ..kernels.compile.numba_internals import options_of
+from ..functions.companions import constraints_of
+from ..functions.layout import bound_layout
+from ..functions.quantities import Quantity
+from ..kernels.adaptive_lanes import adaptive_kernel, compile_event
+from ..kernels.compile.numba_internals import gist, options_of
 from ..kernels.constraint_lanes import Straight, compile_constrained, compile_keeping
-from ..kernels.lanes import Lanes, Layout
+from ..kernels.lane_stops import stops_kernel
+from ..kernels.lanes import Lanes, Layout, compile_caught, compile_quantity, compile_rhs, compile_watched
+from ..kernels.loops.fixed import wide_kernel
+from ..kernels.protocol import FOLLOWS, SEARCHES
 from ..methods import Method
+from ..run.prepare import Prepared
+from ..stepping.options import RunOptions
+from .histories import Histories
 from .members import Members
+from .single_members import Singles
 
 FEWEST_MEMBERS = 16  # with tolerances; for fewer, lanes do not pay
 MOST_DEGREES = 24  # with more degrees of freedom, a member alone is as fast as in lanes
+_MOST_ADAPTIVE = 8  # the same with tolerances: with more, the stages of a block leave the first-level cache
+_MOST_PARAMS = 64  # of a member with tolerances, for the same reason
+ADAPTIVE_LANES = 64
 _CACHE = 2**15  # bytes of the first-level cache for the rows of a block
-ROWS_FOLLOWED = 5  # of each value that is followed: it, its extremes and their times
+_ROWS_FOLLOWED = 5  # of each value that is followed: it, its extremes and their times
 _MOST_LANES, _LEAST_LANES = 512, 32
 _FEW_LANES = 64  # enough for fast loops: blocks are not made smaller than this for the sake of more threads
 _FEWEST_LANES = 16  # the compiler cannot use vectors for fewer
 _BLOCKS = 2  # of a thread, at least
+_CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which the members are looked at
+_CHUNK_GROWTH = 16  # largest factor from the steps of one chunk to the steps of the next
+FIRST_CHUNK = 64  # steps
+_MOST_STEPS = 2**40  # a chunk may end early
+
+_AT_TIMES = "lanes with fixed steps have no t_eval; save_every is possible."
+_MANY_CONSTRAINTS = (
+    "lanes are for scenes with at most 8 constraints and 24 degrees of freedom, with forces on at most 8 points of "
+    "bodies, and without near pairs and constraints that depend on the time or have a phi of their own."
+)
+_OTHER_CONSTRAINTS = (
+    "params are those of scenes whose constraints join other points than those of this problem; make a problem of each "
+    "such scene."
+)
+_SPARSE = (
+    "params have a sparse matrix and differ between members; lanes read a sparse matrix only from params that all "
+    "members share."
+)
+_FOLLOWED = (
+    "runs with tolerances in lanes have no save_every, no invariants and no outputs; t_eval and events are possible."
+)
 
 # The references are weak, so that a program that makes many functions does not keep all of them in memory.
 _known: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Lanes]]] = WeakKeyDictionary()
 
 
-class Keeping(NamedTuple):
-    """The function of a block that keeps the constraints.
+class Pace:
+    """The number of steps of a chunk, which follows from the time of the last one in any block.
 
     Attributes
     ----------
-    function : Lanes
-    is_leap : bool
-        Whether it is a step of EIG-3, and not a projection after each step.
+    steps : int
+    seconds : float or None
+        The time per step; None before the first chunk.
     """
 
-    function: Lanes
-    is_leap: bool
+    def __init__(self) -> None:
+        self.steps = FIRST_CHUNK
+        self.seconds: float | None = None
+
+    def note(self, steps: int, seconds: float) -> None:
+        """Choose the number of steps of the next chunk."""
+        self.seconds = seconds / steps
+        self.steps = max(1, min(int(steps * min(_CHUNK_GROWTH, _CHUNK_SECONDS / (seconds + 1e-9))), _MOST_STEPS))
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What the blocks of an ensemble have in common.
+
+    Attributes
+    ----------
+    method : Method
+        The record that takes the steps.
+    layout : Layout
+    prepared : Prepared
+        The single run of a member.
+    histories : Histories
+    single : Singles
+    kernel : callable
+    rhs : Lanes
+    leap, project : Lanes or None
+        What keeps the constraints, if there are any: a step of EIG-3, or the projection after each step.
+    quantities : dict of str to (Quantity, Lanes)
+        The invariants and the outputs.
+    events : list of Lanes
+        The looks at the functions g of the events.
+    stops : (callable, Lanes) or None
+        If all that is looked at with fixed steps are events that do nothing but end members: the kernel that searches
+        their steps, and what keeps the states of these.
+    pace : Pace
+    """
+
+    method: Method
+    layout: Layout
+    prepared: Prepared
+    histories: Histories
+    single: Singles
+    kernel: Callable
+    rhs: Lanes
+    leap: Lanes | None
+    project: Lanes | None
+    quantities: dict[str, tuple[Quantity, Lanes]]
+    events: list[Lanes]
+    stops: tuple[Callable, Lanes] | None
+    pace: Pace = field(default_factory=Pace)
+
+
+def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles, threads: int) -> tuple[Any, str]:
+    """Compile what runs in lanes.
+
+    Returns
+    -------
+    Setup or None
+        None if the members run one at a time.
+    str
+        A note for the user, or nothing.
+    """
+    members, options, method = histories.members, histories.options, histories.options.method
+    straight, obstacle = _straight_of(rhs, members)
+    invariants, outputs = options.functions.quantities(members.form)
+    followed = {**invariants, **outputs}
+    if options.has_tolerances:
+        layout = _layout(members, ADAPTIVE_LANES, True) if _pays(members, straight) else None
+        obstacle = obstacle or _FOLLOWED * (options.save_every is not None or bool(followed))
+    else:
+        method = method.for_force(callback.reads_velocity, members.n)
+        method = method.with_constraints() if straight else method
+        rows = len(options.events) + sum(_ROWS_FOLLOWED * quantity.width for quantity in followed.values())
+        layout = layout_of(members, method, rows + (straight.room + members.n if straight else 0), threads)
+        obstacle = _AT_TIMES if options.t_eval is not None else obstacle
+    if obstacle and (layout or not options.has_tolerances):
+        return None, f"The members run one at a time, because {obstacle}"
+    if layout is None:
+        return None, ""
+    prepared = single.prepared(0)
+    try:
+        functions = _compiled(rhs, callback, layout, method, options, straight, followed)
+    except Exception as error:
+        return None, (
+            f"The members run one at a time, because a function does not compile for lanes: {gist(error)}; write "
+            "loops over single values, without array expressions and without functions of whole arrays."
+        )
+    note = f"rhs is not vectorised: {functions['rhs'].obstacle}." if functions["rhs"].obstacle else ""
+    return Setup(method, layout, prepared, histories, single, **functions), note
+
+
+def _compiled(
+    rhs: Any,
+    callback: Callback,
+    layout: Layout,
+    method: Method,
+    options: RunOptions,
+    straight: Straight | None,
+    followed: dict[str, Quantity],
+) -> dict[str, Any]:
+    """Compile the functions of a `Setup`."""
+    is_adaptive, events = layout.has_own_times, options.events.values()
+    only_ends = bool(events) and not (is_adaptive or followed or straight)
+    only_ends = only_ends and all(event.terminal and event.apply is None for event in events)
+    has_leap = bool(method.second) and not is_adaptive
+    given, keeping = (rhs, callback, layout), None
+    if straight:
+        in_blocks = _lanes_of(*given, compile_constrained, of=straight)
+        keeping = _lanes_of(*given, compile_keeping, has_leap, of=straight)
+    else:
+        in_blocks = _lanes_of(*given, compile_rhs)
+    quantities = {}
+    for name, quantity in followed.items():
+        mine = quantity.function, quantity.callback, layout
+        quantities[name] = quantity, _lanes_of(*mine, compile_quantity, quantity.shape)
+    looks = []
+    for name, event in options.events.items():
+        g = Quantity(f"events[{name!r}].g", event.g, form=layout.form)
+        looking = (compile_event,) if is_adaptive else (compile_watched, int(event.direction), only_ends)
+        looks.append(_lanes_of(g.function, g.callback, layout, *looking))
+    leap, project = (keeping, None) if has_leap else (None, keeping)
+    if is_adaptive:
+        searches = SEARCHES if looks or options.t_eval is not None else 0
+        kernel = adaptive_kernel(method.variable, layout.form, layout.n, layout.lanes, searches)
+    else:
+        kernel = wide_kernel(method.formulas, FOLLOWS if quantities or looks or project else 0, method.second)
+    stops = (stops_kernel(method.formulas, options.method.order, layout.form), compile_caught()) if only_ends else None
+    functions = {"kernel": kernel, "rhs": in_blocks, "leap": leap, "project": project}
+    return {**functions, "quantities": quantities, "events": looks, "stops": stops}
+
+
+def _straight_of(rhs: Any, members: Members) -> tuple[Straight | None, str]:
+    """Return the constraints of a scene for lanes, if there are any, or why the members run one at a time."""
+    layout = bound_layout(rhs)
+    if layout and members.has_own_params and members.n <= MOST_DEGREES and any(kind.ndim < 0 for kind in layout.kinds):
+        return None, _SPARSE
+    constraints = constraints_of(rhs)
+    if constraints is None:
+        return None, ""
+    if constraints.straight is None:
+        return None, _MANY_CONSTRAINTS
+    if not constraints.straight.are_those_of(members.params):
+        return None, _OTHER_CONSTRAINTS
+    return constraints.straight, ""
+
+
+def _pays(members: Members, straight: Straight | None) -> bool:
+    """Whether lanes pay for members with tolerances. Most of the parameters of constraints are not read there."""
+    has_many = members.has_own_params and members.params.shape[1] > _MOST_PARAMS and straight is None
+    return members.n <= _MOST_ADAPTIVE and not has_many and len(members) >= FEWEST_MEMBERS
 
 
 def layout_of(members: Members, method: Method, more_rows: int, threads: int) -> Layout | None:
-    """Return the arrays of a block; None if the members should run one at a time.
+    """Return the arrays of a block with fixed steps; None if the members should run one at a time.
 
     What is evaluated in each step reads or writes `more_rows` rows.
 
@@ -58,38 +241,24 @@ def layout_of(members: Members, method: Method, more_rows: int, threads: int) ->
         lanes //= 2
     while lanes > _FEWEST_LANES and lanes >= 2 * len(members):  # a lane without a member takes as long
         lanes //= 2
-    k = members.params.shape[-1]
-    return Layout(members.form, members.n, lanes, k, not members.has_own_params, members.has_own_step)
+    return _layout(members, lanes)
 
 
-def lanes_of(
-    function: Any, callback: Callback, layout: Layout, compile_it: Callable[..., Lanes], *arguments: Any
+def _layout(members: Members, lanes: int, has_own_times: bool = False) -> Layout:
+    k, shares_params = members.params.shape[-1], not members.has_own_params
+    return Layout(members.form, members.n, lanes, k, shares_params, members.has_own_step, has_own_times)
+
+
+def _lanes_of(
+    function: Any, callback: Callback, layout: Layout, compile_it: Callable[..., Lanes], *how: Any, of: Any = None
 ) -> Lanes:
-    """Call ``compile_it(function, layout, *arguments)`` for a checked function, at the first call only."""
-    own = getattr(getattr(function, "py_func", None), "in_lanes", None)  # the reactions of a scene
-    python = own.py_func if own else callback.function
-    make = partial(compile_it, python, layout, *arguments)
-    return _remembered(function, callback, (compile_it, layout, arguments), make)
+    """Call ``compile_it(of, layout, *how)``, at the first call only.
 
-
-def constrained_of(rhs: Any, callback: Callback, layout: Layout, straight: Straight, *how: Any) -> Lanes:
-    """Compile the right-hand side of a scene with constraints, at the first call only.
-
-    `how` are the signature, and the function that compiles the forces.
+    By default, `of` is the plain Python function of a checked function.
     """
-    make = partial(compile_constrained, straight, layout, *how)
-    return _remembered(rhs, callback, (compile_constrained, layout, how), make)
-
-
-def keeping_of(rhs: Any, callback: Callback, layout: Layout, straight: Straight, is_leap: bool) -> Keeping:
-    """Compile what keeps these constraints, at the first call only."""
-    make = partial(compile_keeping, straight, layout, is_leap)
-    return Keeping(_remembered(rhs, callback, (compile_keeping, layout, is_leap), make), is_leap)
-
-
-def _remembered(function: Any, callback: Callback, key: tuple, make: Callable[[bool], Lanes]) -> Lanes:
-    known = _known.setdefault(function, {})
+    known, key = _known.setdefault(function, {}), (compile_it, layout, how)
     if key not in known or known[key][0] is not callback.compiled:  # the user may have compiled the function anew
-        is_checked = bool(options_of(function).get("boundscheck"))
-        known[key] = callback.compiled, make(is_checked)
+        own = getattr(getattr(function, "py_func", None), "in_lanes", None)  # the reactions of a scene
+        python = of or (own.py_func if own else callback.function)
+        known[key] = callback.compiled, compile_it(python, layout, *how, bool(options_of(function).get("boundscheck")))
     return known[key][1]

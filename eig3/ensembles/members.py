@@ -82,9 +82,9 @@ class Members:
             first=self.first + chosen.start,
         )
 
-    def start(self, i: int, n_integrals: int = 0) -> tuple[Any, Any, np.ndarray]:
-        """Return u0 and v0, without the integrals in their last degrees of freedom, and the parameters of member i."""
-        n = self.n - n_integrals
+    def start(self, i: int, n_quadratures: int = 0) -> tuple[Any, Any, np.ndarray]:
+        """Return u0 and v0, without the quadratures, their last degrees of freedom, and the parameters of member i."""
+        n = self.n - n_quadratures
         u, v = (float(x[i, 0]) if self.form is SCALAR else x[i, :n] for x in (self.u0, self.v0))
         return u, v, self.params[i] if self.has_own_params else self.params
 

@@ -16,13 +16,14 @@ from ..functions.layout import bound_layout
 from ..functions.named import has_names
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.compile.numba_internals import Jitted, options_of
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.labels import Labels
 from ..run.prepare import Prepared
 from ..run.progress import check_progress
 from ..stepping.march import Cancel
+from ..stepping.observer import check_times
 from ..stepping.options import RunOptions, run_options
-from ..stepping.watching import check_times
 from .files import Directory
 from .in_process import Run, at_start, cores
 from .members import Members, check_members
@@ -38,6 +39,7 @@ _REFUSED = {
 
 
 @with_solution
+@with_suggestions()
 def ensemble(
     rhs: Any,
     t_span: Sequence[float],
@@ -63,7 +65,7 @@ def ensemble(
     progress: bool = False,
     cancel: Cancel | None = None,
     save_to: str | PathLike[str] | None = None,
-    integrals: Sequence[str] = (),
+    quadratures: Sequence[str] = (),
     labels: Labels | None = None,
     **refused: Any,
 ) -> Any:
@@ -99,9 +101,9 @@ def ensemble(
     save_to : str or path
         A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it, also if the
         process was killed.
-    integrals, labels
-        What `Problem.ensemble` adds: the names of integrals over time, which are the velocities of the last degrees of
-        freedom and do not decide about the steps, and the names and units of the others.
+    quadratures, labels
+        What `Problem.ensemble` adds: the names of quadratures, which are the velocities of the last degrees of freedom
+        and do not decide about the steps, and the names and units of the others.
     **refused
         Options of single runs that an ensemble refuses by a sentence.
 
@@ -157,7 +159,7 @@ def ensemble(
             h_max=h_max,
             first_step=first_step,
             max_steps=max_steps,
-            integrals=tuple(integrals),
+            quadratures=tuple(quadratures),
             labels=labels,
         )
         options = of_members(rhs, members, options)

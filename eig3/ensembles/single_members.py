@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..functions.guard import NotFiniteAtStartError
+from ..functions.quantities import Functions
 from ..methods import Method
 from ..result.solution import Solution, Status
 from ..run.prepare import Prepared
@@ -33,6 +35,12 @@ class Singles:
         self._rhs, self._members, self._options = rhs, members, options._replace(**changes)
         self._shared: Prepared | None = None
 
+    @cached_property
+    def plain(self) -> Singles:
+        """The single runs without events and without what they follow."""
+        none: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "functions": Functions({}, {})}
+        return Singles(self._rhs, self._members, self._options, **none)
+
     def prepared(self, i: int) -> Prepared:
         """Return the prepared run of member i, which all members share if they have the same step and no noise."""
         members, method = self._members, self._options.method
@@ -45,7 +53,7 @@ class Singles:
 
     def __call__(self, i: int, cancel: Cancel | None = None) -> Solution:
         """Integrate member i."""
-        start = self._members.start(i, len(self._options.integrals))
+        start = self._members.start(i, len(self._options.quadratures))
         return self.prepared(i).member(self._members.t_span, *start, cancel)
 
     def _prepared(self, h: float | None, method: Method) -> Prepared:
@@ -60,24 +68,27 @@ class Alone:
     numbers : ndarray of int
         The numbers of the members.
     histories : Histories
-    integrate : callable
-        ``integrate(member, cancel)`` returns the `Solution` of a member.
+    single : Singles
     """
 
-    def __init__(self, numbers: np.ndarray, histories: Histories, integrate: Callable[[int, Cancel], Solution]) -> None:
-        self.numbers, self.histories, self._integrate = numbers, histories, integrate
-        self.seconds = 0.0
+    def __init__(self, numbers: np.ndarray, histories: Histories, single: Singles) -> None:
+        self.numbers, self.histories, self.single = numbers, histories, single
+        self.seconds = 0.0  # in the kernel
 
     def __len__(self) -> int:
         return len(self.numbers)
 
     def run(self, stop: Cancel) -> None:
         """Run the members, or those before `stop` is set."""
-        for member in self.numbers:
+        self.run_alone(self.numbers, stop)
+
+    def run_alone(self, numbers: Iterable[int], stop: Cancel) -> None:
+        """Run some of the members one at a time."""
+        for member in numbers:
             if stop.is_set():
                 return
             try:
-                solution = self._integrate(int(member), stop)
+                solution = self.single(int(member), stop)
             except NotFiniteAtStartError as error:
                 self.histories.judge(int(member), Status.DIVERGED, str(error))
                 continue

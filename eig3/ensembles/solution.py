@@ -73,7 +73,7 @@ class EnsembleSolution:
         Time in the kernels, s, summed over the threads, without compilation.
     method : Method
         The method as it was requested.
-    integrals : dict of str to ndarray, shape (m, s)
+    quadratures : dict of str to ndarray, shape (m, s)
         Integrals over time that the problem follows, such as "work" in J.
     events : dict of str to MemberOccurrences
         The occurrences of each event: their `member`, `t`, `u`, `v`, `u_after` and `v_after` in the order of members
@@ -106,7 +106,7 @@ class EnsembleSolution:
     first: int = 0
     kernel_seconds: float = 0.0
     notes: tuple[str, ...] = ()
-    integrals: dict[str, np.ndarray] = field(default_factory=dict)
+    quadratures: dict[str, np.ndarray] = field(default_factory=dict)
     events: dict[str, MemberOccurrences] = field(default_factory=dict)
     n_rejected: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     steps: np.ndarray | None = None
@@ -285,11 +285,11 @@ class EnsembleSolution:
         return self
 
     def _separate(self, names: Sequence[str]) -> None:
-        """Move the last degrees of freedom, whose velocities are integrals with these names, to `integrals`."""
-        self.u, self.v, self.integrals = separated(self.u, self.v, names)
+        """Move the last degrees of freedom, whose velocities are quadratures with these names, to `quadratures`."""
+        self.u, self.v, self.quadratures = separated(self.u, self.v, names)
         for i, last in self._last.items():
             states = separated(last["u"], last["v"], names)
-            self._last[i] = last | dict(zip(("u", "v", "integrals"), states, strict=True))
+            self._last[i] = last | dict(zip(("u", "v", "quadratures"), states, strict=True))
 
     def _place(self, part: EnsembleSolution) -> None:
         """Store the results of some of the members, from member `part.first` on."""

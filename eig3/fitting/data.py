@@ -24,7 +24,7 @@ class Series:
     t, values, sigma : ndarray, shape (m,)
         Times, measured values, of which NaN stands for a missing one, and standard deviations of their noise.
     group, key : str
-        Where the quantity is in a `Solution`: "u" or "v", or the name among the outputs or the integrals.
+        Where the quantity is in a `Solution`: "u" or "v", or the name among the outputs or the quadratures.
     column : int or None
         Its column there; None if there is one quantity only.
     """
@@ -93,7 +93,7 @@ def _quantities(problem: Problem, outputs: Mapping[str, Any]) -> dict[str, tuple
         else:
             known |= {f"{letter}{j}": (place, ()) for j, place in enumerate(places)}
         known |= {problem.labels.name(letter, j): (places[j], ()) for j in range(n) if problem.names}
-    known |= {name: ({"group": "integrals", "key": name}, ()) for name in problem.integrals}
+    known |= {name: ({"group": "quadratures", "key": name}, ()) for name in problem.quadratures}
     for name, output in outputs.items():
         known[name] = {"group": "outputs", "key": name}, (output[1],) if isinstance(output, tuple) else ()
     return known

@@ -15,6 +15,7 @@ from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
 from ..functions.quantities import check_functions
 from ..kernels.compile.interrupt import with_solution
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..problem import Problem
 from .data import Series, check_data
@@ -88,7 +89,7 @@ class Fit:
         path : str or path
             The file, whose ending is the format, such as ".png" or ".svg".
         units : dict of str to str
-            Units of outputs and integrals by name, such as ``{"force": "N"}``. Those of u and v are the problem's.
+            Units of outputs and quadratures by name, such as ``{"force": "N"}``. Those of u and v are the problem's.
 
         Returns
         -------
@@ -113,6 +114,7 @@ class Fit:
 
 
 @with_solution
+@with_suggestions()
 def fit(
     problem: Problem,
     data: Any,
@@ -138,7 +140,7 @@ def fit(
         The runs end at the last time of the data.
     data : (times, values); or dict of str to (times, values); or pandas.Series or pandas.DataFrame
         Values of u, of shape (m,), or (m, n) for n degrees of freedom. Or series by name, each with its own times: "u"
-        or "v" with one degree of freedom, "u0", "v1" or the problem's names with several, outputs and integrals. Of
+        or "v" with one degree of freedom, "u0", "v1" or the problem's names with several, outputs and quadratures. Of
         tables of pandas, the index has the times, and the columns have these names. NaN stands for a missing value.
     parameters : str or sequence of str; or dict of str to float
         Names as for `eig3.sensitivities`. The first values are those of the problem, or of the dictionary.

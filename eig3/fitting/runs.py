@@ -90,14 +90,14 @@ class Runs:
 def history(members: EnsembleSolution, times: np.ndarray | None) -> History:
     """Return the histories of members that completed, at the saved times or at others between them.
 
-    u and v are those of `Solution.at`. Outputs and integrals are interpolated by `resampled`.
+    u and v are those of `Solution.at`. Outputs and quadratures are interpolated by `resampled`.
     """
     if times is None:
-        return History(members.u, members.v, members.outputs, members.integrals)
+        return History(members.u, members.v, members.outputs, members.quadratures)
     members[0].at(times)  # which warns of saved states that are too far apart
     values = (
         {name: resampled(members.t[0], x, times) for name, x in group.items()}
-        for group in (members.outputs, members.integrals)
+        for group in (members.outputs, members.quadratures)
     )
     return History(*_states_at(members, times), *values)
 

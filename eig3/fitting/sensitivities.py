@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import check_h, reals
 from ..functions.layout import unknown_name
 from ..kernels.compile.interrupt import with_solution
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..problem import Problem
 from .places import Place, check_places, sizes
@@ -64,6 +65,7 @@ class Sensitivities:
 
 
 @with_solution
+@with_suggestions()
 def sensitivities(
     problem: Problem,
     parameters: str | Iterable[str],
@@ -93,7 +95,7 @@ def sensitivities(
         As for `Problem.integrate`.
     t_eval : array_like, shape (s,)
         Find the derivatives at these times. u and v are those of `Solution.at`, from all saved states; outputs and
-        integrals follow from polynomials through six saved values.
+        quadratures follow from polynomials through six saved values.
     steps : dict of str to float
         Steps d by name, rounded down to powers of two. By default d is 2^-12 of the size of the value. For a value of
         zero this size is that of the largest entry of its array with a name, for a start that of the motion, or else 1.

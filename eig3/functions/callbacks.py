@@ -31,7 +31,7 @@ from ..kernels.compile.numba_internals import (
 )
 from ..kernels.protocol import SCALAR, VECTOR, Form
 
-__all__ = ["Callback", "cached_jit", "check_callback", "jit", "reads_time", "reads_velocity"]
+__all__ = ["Callback", "check_callback", "jit", "reads_time", "reads_velocity"]
 
 
 def jit(function: Callable | None = None, **options: Any) -> Any:
@@ -45,9 +45,9 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     function : function
         The function to compile. Without it, ``jit(**options)`` returns a decorator.
     **options
-        Options of ``numba.njit``, which replace those of the kernels. With ``cache=True``, the compiled function is
-        kept on the disk. A damaged file is then compiled again. In a folder that cannot be written, or that other
-        users can write, each process compiles the function, with a warning.
+        Options of ``numba.njit``, which replace those of the kernels. The compiled function is kept on the disk
+        unless ``cache=False``. In a folder that cannot be written, or that other users can write, each process
+        compiles the function, with a warning.
 
     Returns
     -------
@@ -56,20 +56,17 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     Notes
     -----
     Numba compiles a global variable as a constant. If its value has changed when the next run begins, the function is
-    compiled again, which takes some tenths of a second: pass values that change often as parameters. A cached
-    function is compiled again if its own file changes, but not if the file of a function that it calls does. Numba does
-    not check indices unless the environment variable NUMBA_BOUNDSCHECK is 1 when Python starts.
+    compiled again, which takes some tenths of a second: pass values that change often as parameters. A function is
+    found on the disk by its code, the code of the functions that it calls, and the values from outside. A function that
+    uses anything else, such as an `enum`, is compiled in each process. Numba does not check indices unless the
+    environment variable NUMBA_BOUNDSCHECK is 1 when Python starts.
     """
     if function is None:
         return functools.partial(jit, **options)
     options = {**OPTIONS, **options}
-    is_kept = options.pop("cache", False)
+    is_kept = options.pop("cache", True)
     jitted = numba.njit(**options)(function)
     return keep_on_disk(jitted) if is_kept else jitted
-
-
-#: The decorator for functions of the library, which are kept on the disk.
-cached_jit = jit(cache=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ..keywords import with_suggestions
 from .checks import check_names, shown
 
 
+@with_suggestions()
 @dataclass(frozen=True)
 class Event:
     """A function g(t, u, v, p) whose zeros a run finds.

@@ -110,7 +110,7 @@ class Pilots:
         self._growth: float | None = None  # the error over the whole span, relative to that in the window, if known
         self._largest = math.inf  # a motion that is larger is unstable
         self._sizes = -np.ones(2)  # the largest |u| and |v| of the motion; negative if none is known
-        zeros = np.zeros(0 if self.needs_reference else len(problem.integrals))
+        zeros = np.zeros(0 if self.needs_reference else len(problem.quadratures))
         u0, v0 = (np.append(x, zeros) if zeros.size else x for x in (problem.u0, problem.v0))
         u0, v0, self._form = check_state(u0, v0)
         self._at_start = u0, v0
@@ -401,8 +401,8 @@ class Pilots:
         return window.integrate(method=method, max_steps=most, **options)
 
     def _motion(self, x: Any) -> Any:
-        """Return u or v without the integrals."""
-        return x[..., : np.size(self.problem.u0)] if self.problem.integrals else x
+        """Return u or v without the quadratures."""
+        return x[..., : np.size(self.problem.u0)] if self.problem.quadratures else x
 
     def _sizes_of(self, history: History) -> np.ndarray:
         return np.array([np.abs(self._motion(x)).max() for x in (history.u, history.v)])

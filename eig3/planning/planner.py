@@ -11,6 +11,7 @@ from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_method
 from ..functions.companions import constraints_of
 from ..kernels.compile.interrupt import with_solution
+from ..keywords import with_suggestions
 from ..methods import EIG, LIBRARY, Method
 from ..problem import Problem
 from ..result.solution import Solution
@@ -186,6 +187,7 @@ class Plan:
 
 
 @with_solution
+@with_suggestions()
 def plan(
     problem: Problem,
     accuracy: float,

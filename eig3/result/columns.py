@@ -43,7 +43,7 @@ COLUMNS = (
     Column("v", shape=DEGREES, of_states=True),
     Column("steps", of_states=True),
     Column("outputs", shape=ANY, of_states=True, by_name=True),
-    Column("integrals", of_states=True, by_name=True),
+    Column("quadratures", of_states=True, by_name=True),
     Column("h"),
     Column("n_steps", int),
     Column("n_rhs", int),
@@ -73,6 +73,6 @@ def each(function: Callable[..., Any], value: Any, *others: Any) -> Any:
 def separated(
     u: np.ndarray, v: np.ndarray, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Return u and v without the last degrees of freedom, and integrals with these names: the velocities there."""
+    """Return u and v without the last degrees of freedom, and quadratures with these names: the velocities there."""
     n = u.shape[-1] - len(names)
     return u[..., :n], v[..., :n], {name: v[..., n + k] for k, name in enumerate(names)}

@@ -75,7 +75,7 @@ def _columns(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
         labels = _labels(solution, values.shape[1])
         for i, column in enumerate(values.T):
             yield labels.name(letter, i), column
-    for name, values in (*solution.outputs.items(), *solution.integrals.items()):
+    for name, values in (*solution.outputs.items(), *solution.quadratures.items()):
         if values.ndim == 1:
             yield name, values
         else:
@@ -97,7 +97,7 @@ def _dataset(
     further: dict[str, Any],
     attributes: dict[str, Any],
 ) -> Any:
-    """Return u, v, outputs and integrals over `axes`, and in the vector form over "dof", with `further` variables."""
+    """Return u, v, outputs and quadratures over `axes`, and in the vector form over "dof", with `further` variables."""
     xarray = _module("xarray")
     has_degrees = solution.u.ndim > len(axes)
     n = solution.u.shape[-1] if has_degrees else 1
@@ -105,7 +105,7 @@ def _dataset(
     if has_degrees:
         coordinates["dof"] = list(labels.names) or np.arange(n)
     variables = [*_states(solution, (*axes, "dof") if has_degrees else axes, n), *further.items()]
-    for name, values in (*solution.outputs.items(), *solution.integrals.items()):
+    for name, values in (*solution.outputs.items(), *solution.quadratures.items()):
         variables.append((name, (axes if values.ndim == len(axes) else (*axes, f"{name} component"), values)))
     dataset = xarray.Dataset(_distinct([*coordinates.items(), *variables]), attrs=attributes)
     return dataset.set_coords([*coordinates])

@@ -76,7 +76,7 @@ class Solution:
     notes : tuple of str
         Sentences about what the user should know of the run, such as that an invariant grows steadily, that the solver
         of an implicit method was changed, or that the method has a short limit with a force that reads the velocity.
-    integrals : dict of str to ndarray, shape (m,)
+    quadratures : dict of str to ndarray, shape (m,)
         Integrals over time that the problem follows, at the saved times, such as "work" in J.
     events : dict of str to Occurrences
         The occurrences of each event: `t`, `u`, `v`, and `u_after`, `v_after`.
@@ -107,7 +107,7 @@ class Solution:
     drift: dict[str, float] = field(default_factory=dict)
     extremes: dict[str, Extremes] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default_factory=tuple)
-    integrals: dict[str, np.ndarray] = field(default_factory=dict)
+    quadratures: dict[str, np.ndarray] = field(default_factory=dict)
     events: dict[str, Occurrences] = field(default_factory=dict)
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
     n_rejected: int = 0
@@ -360,9 +360,9 @@ class Solution:
         return self._resume() if callable(self._resume) else self._resume
 
     def _separate(self, names: Sequence[str]) -> None:
-        """Move the last degrees of freedom, whose velocities are integrals with these names, to `integrals`."""
+        """Move the last degrees of freedom, whose velocities are quadratures with these names, to `quadratures`."""
         self._whole = self.u, self.v
-        self.u, self.v, self.integrals = separated(*self._whole, names)
+        self.u, self.v, self.quadratures = separated(*self._whole, names)
         n = self.u.shape[1]
         self.events = {name: occurrences.of(slice(n)) for name, occurrences in self.events.items()}
 
@@ -445,8 +445,8 @@ class Solution:
         -------
         pandas.DataFrame
             The index is t. The columns are the displacements u0, u1, ... and the velocities v0, v1, ..., or x0 and v_x0
-            where the degree of freedom has the name x0, then the outputs and the integrals. ``attrs["units"]`` has the
-            units by column, where they are known. Other `attrs` are status, message, method and h.
+            where the degree of freedom has the name x0, then the outputs and the quadratures. ``attrs["units"]`` has
+            the units by column, where they are known. Other `attrs` are status, message, method and h.
 
         Raises
         ------
@@ -464,8 +464,8 @@ class Solution:
         -------
         xarray.Dataset
             With the variables u and v, over the coordinate t and, in the vector form, the names of the degrees of
-            freedom in the coordinate dof; then the outputs and the integrals. u and v have the attribute units, one or
-            a list, where they are known. The attributes of the dataset are status, message, method and h.
+            freedom in the coordinate dof; then the outputs and the quadratures. u and v have the attribute units, one
+            or a list, where they are known. The attributes of the dataset are status, message, method and h.
 
         Raises
         ------
@@ -514,14 +514,14 @@ storage.KINDS[storage.RUN] = _loaded
 
 
 def whole_rows(solution: Solution, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return t, u and v of the saved states with all n degrees of freedom, also those of integrals.
+    """Return t, u and v of the saved states with all n degrees of freedom, also those of quadratures.
 
-    A file of `Solution.save` has the velocities of integrals only: the displacements, which nothing reads, are NaN.
+    A file of `Solution.save` has the velocities of quadratures only: the displacements, which nothing reads, are NaN.
     """
     u, v = solution._whole or (solution.u, solution.v)
-    if solution._whole is None and solution.integrals:
-        v = np.column_stack([v, *solution.integrals.values()])
-        u = np.column_stack([u, np.full((len(u), len(solution.integrals)), np.nan)])
+    if solution._whole is None and solution.quadratures:
+        v = np.column_stack([v, *solution.quadratures.values()])
+        u = np.column_stack([u, np.full((len(u), len(solution.quadratures)), np.nan)])
     if (u.shape[1] if u.ndim == 2 else 1) != n:
         raise ValueError(f"the states have {u.shape[1:]} degrees of freedom and not {n}.")
     return solution.t, u, v

@@ -53,23 +53,23 @@ class Place:
     directory : Path
     labels : Labels or None
         Those of the problem that runs.
-    integrals : tuple of str
-        The names of integrals, whose values are the last velocities of a row.
+    quadratures : tuple of str
+        The names of quadratures, whose values are the last velocities of a row.
     """
 
     directory: Path
     labels: Labels | None = None
-    integrals: tuple[str, ...] = ()
+    quadratures: tuple[str, ...] = ()
     _next: float = dataclasses.field(default=0.0, init=False)  # the time of the next record of a run that goes on
 
     @classmethod
-    def of(cls, save_to: Any, labels: Labels | None = None, integrals: tuple[str, ...] = ()) -> Place:
+    def of(cls, save_to: Any, labels: Labels | None = None, quadratures: tuple[str, ...] = ()) -> Place:
         """Return the place that `save_to` names, which must be a new or an empty directory."""
         if not isinstance(save_to, str | PathLike):
             raise TypeError(f"save_to must be the path of a directory, not {shown(save_to)}.")
         directory = Path(save_to)
         check_directory(directory)
-        return cls(directory, labels, integrals)
+        return cls(directory, labels, quadratures)
 
     def keep(self, files: MappedRows, rows: int, solution: Callable[[], Any]) -> None:
         """Write now and then what a run has found so far: what is left if its process is killed.
@@ -92,7 +92,7 @@ class Place:
         """Write what a `Solution` has beside its rows, whose number in the files is `rows`."""
         fields = {name: value for name, value in solution._kept().items() if name not in OF_STATES}
         fields |= {"_resume": solution._state, "labels": self.labels}
-        rest = {"outputs": list(solution.outputs), "integrals": self.integrals, "has_ended": has_ended}
+        rest = {"outputs": list(solution.outputs), "quadratures": self.quadratures, "has_ended": has_ended}
         rest |= {"rows": rows, "checksums": files.checksums(rows)}
         write(RUN, fields, self.directory / _RUN, is_lasting=has_ended, **rest)
 
@@ -171,8 +171,8 @@ def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str
     arrays = read_mapped(directory, checksums, rows)
     given: dict[str, Any] = {name: arrays.get(name) for name in ROWS}
     given["outputs"] = {name: arrays[file] for name, file in files.items()}
-    whole, names = (given["u"], given["v"]), [str(name) for name in record["integrals"]]
-    given["u"], given["v"], given["integrals"] = separated(*whole, names) if names else (*whole, {})
+    whole, names = (given["u"], given["v"]), [str(name) for name in record["quadratures"]]
+    given["u"], given["v"], given["quadratures"] = separated(*whole, names) if names else (*whole, {})
     result = _of_kind(record, others, given)
     result._whole = whole if names else None
     if not record["has_ended"]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -20,18 +18,16 @@ from ..result.memory import check_disk, check_history, n_rows
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import Place, going_on
 from ..stability import alternating_limit
-from ..stepping.march import Rows
+from ..stepping.observer import check_times, further_times
 from ..stepping.options import NEVER
 from ..stepping.stepper import Stepper
 from ..stepping.system import System
-from ..stepping.watching import check_times, further_times
 from .growth import Growth
 from .history import History
 from .progress import check_progress
 from .run import Run
 
 _LARGEST_GRADE = 7  # of EIG for a force that reads the velocity, before a note advises against it
-_NONE = np.empty(0)
 
 
 class FixedRun(Run):
@@ -42,10 +38,9 @@ class FixedRun(Run):
     n_steps : int
     t_end : float
         The time after the last step, from which t0 + n h may differ by round-off.
-    growth : Growth
     save_every : int or None
         As the user has given it.
-    stepper, history, times, place, progress
+    stepper, times, place, progress, history
         As for `Run`.
     """
 
@@ -54,36 +49,19 @@ class FixedRun(Run):
     def __init__(
         self,
         stepper: Stepper,
-        history: History,
         n_steps: int,
         t_end: float,
-        growth: Growth,
         save_every: int | None,
         times: np.ndarray | None,
         place: Place | None = None,
         progress: bool = False,
+        history: History | None = None,
     ) -> None:
-        self.n_steps, self.t_end, self.growth, self.save_every = n_steps, t_end, growth, save_every
-        self._n_times = max(0, history.count - 1)  # rows in files whose times are written
+        self.n_steps, self.t_end, self.save_every = n_steps, t_end, save_every
+        self.growth = Growth(stepper, n_steps)
+        self._n_times = 0  # rows in files whose times are written
         every = NEVER if times is not None else stride(save_every, n_steps)
-        super().__init__(stepper, history, every, times, place, progress)
-
-    @classmethod
-    def at_start(
-        cls,
-        stepper: Stepper,
-        n_steps: int,
-        t_end: float,
-        save_every: int | None,
-        times: np.ndarray | None,
-        place: Place | None,
-        progress: bool,
-    ) -> FixedRun:
-        """Return a run at its start."""
-        history = _history(stepper, n_steps, save_every, times, place)
-        run = cls(stepper, history, n_steps, t_end, Growth(stepper, n_steps), save_every, times, place, progress)
-        run.begin()
-        return run
+        super().__init__(stepper, every, times, place, progress, history)
 
     @classmethod
     def restored(cls, solution: Solution, system: System) -> FixedRun:
@@ -95,14 +73,15 @@ class FixedRun(Run):
             stepper = Stepper.of(system, state["t0"], state["h"], u0, v0, guarded(state["params"]), times)
             stepper.load(state["stepper"])
             if stepper.look:
-                stepper.look.watching.recall(solution.events)
+                stepper.look.recall(solution.events)
             t, u, v = whole_rows(solution, stepper.n)
             count = stepper.n_wanted if times is not None else stepper.index // stride(state["save_every"], n_steps) + 1
             if len(t) < count:
                 raise ValueError(f"{len(t)} states are too few.")
             rows = {"t": t, "u": u, "v": v}
-            growth = state["growth"]
-            return cls.ended(stepper, n_steps, t_end, state["save_every"], times, rows, solution.outputs, growth)
+            run = cls.ended(stepper, n_steps, t_end, state["save_every"], times, rows, solution.outputs)
+            run.growth.restore(state["growth"], stepper)
+        return run
 
     @classmethod
     def ended(
@@ -114,15 +93,9 @@ class FixedRun(Run):
         times: np.ndarray | None,
         rows: dict[str, np.ndarray],
         outputs: dict[str, np.ndarray],
-        kept: Mapping[str, Any] | None = None,
     ) -> FixedRun:
-        """Return a run that a stepper has taken to its end, with its rows; `kept` is what `Growth.kept` returned."""
-        growth = Growth(stepper, n_steps)
-        if kept is None:
-            growth.see(stepper, 0)
-        else:
-            growth.restore(kept, stepper)
-        run = cls(stepper, _EMPTY, n_steps, t_end, growth, save_every, times)
+        """Return a run that a stepper has taken to its end, with its rows."""
+        run = cls(stepper, n_steps, t_end, save_every, times, history=_EMPTY)
         run.saved, run.saved_outputs = rows, outputs
         run._judge_event()
         return run
@@ -132,22 +105,18 @@ class FixedRun(Run):
         n_steps = steps_until(self.stepper, t_end)
         times = further_times(self.times, t_eval, self.stepper.t, t_end)
         self.close()
-        assert self.saved is not None
         place = self._place(save_to)
         stepper = self.stepper.fork()
-        history = _history(stepper, n_steps, self.save_every, times, place)
-        every = stride(self.save_every, n_steps)
-        count = stepper.n_wanted if times is not None else stepper.index // every + 1
-        history.take(self.saved, self.saved_outputs, count)
-        growth = self.growth.extended(n_steps, stepper.index)
-        return FixedRun(stepper, history, n_steps, t_end, growth, self.save_every, times, place, progress)
+        run = FixedRun(stepper, n_steps, t_end, self.save_every, times, place, progress)
+        run.growth = self.growth.extended(n_steps, stepper.index)
+        return run.begin(self, stepper.n_wanted if times is not None else stepper.index // run.every + 1)
 
     def finer(self, k: int) -> FixedRun:
         stepper, factor = self.stepper, 2**k
         start = *stepper.start, guarded(stepper.params), self.times
         fine = Stepper.of(stepper.system, stepper.t0, stepper.h / factor, *start)
         every = None if self.save_every is None else factor * stride(self.save_every, self.n_steps)
-        return FixedRun.at_start(fine, factor * self.n_steps, self.t_end, every, self.times, None, False)
+        return FixedRun(fine, factor * self.n_steps, self.t_end, every, self.times).begin()
 
     def check(self, solution: Solution) -> str:
         method = solution.method
@@ -171,11 +140,16 @@ class FixedRun(Run):
             "growth": self.growth.kept(),
         }
 
-    def _rows_to_write(self) -> Rows:
-        if self.times is None:
-            return self.history.rows()
-        shape = (0,) if self.stepper.form is SCALAR else (0, self.stepper.n)
-        return Rows(_NONE, _NONE, np.empty(shape), np.empty(shape))
+    def _empty_history(self) -> History:
+        stepper, place = self.stepper, self.place
+        n_steps, every = (self.n_steps, self.every) if self.times is None else (len(self.times) - 1, 1)
+        functions = stepper.system.functions
+        if place is None:
+            check_history(n_steps, every, stepper.n, functions.n_outputs)
+        else:
+            check_disk(place.directory, n_steps, every, stepper.n, functions.n_outputs)
+        state, directory = () if stepper.form is SCALAR else (stepper.n,), place.directory if place else None
+        return History(state, functions.shapes, n_rows(n_steps, every), directory, has_times=False, has_steps=False)
 
     def _left(self) -> int:
         # A look in the middle of the run shows the size of a motion that starts at rest.
@@ -237,7 +211,7 @@ class FixedRun(Run):
             if self.status is not Status.DIVERGED:
                 if stepper.look and (stepper.index == self.n_steps or stepper.is_over):
                     t = stepper.t if stepper.is_over else self.t_end
-                    stepper.look.watching.finish(stepper.tally, stepper.t0, t, stepper.h, stepper.u, stepper.v)
+                    stepper.look.finish(stepper.tally, stepper.t0, t, stepper.h, stepper.u, stepper.v)
                 history.row = stepper.n_wanted
         else:
             if stepper.index % self.every or stepper.is_within_step:
@@ -254,30 +228,18 @@ class FixedRun(Run):
     def _write_times(self) -> None:
         """Write the times of the rows in files."""
         if self.history.files:
-            first, count, stepper = self._n_times, self.history.count, self.stepper
-            if self.times is not None:
-                new = self.times[first:count]
-            else:
-                end = self.t_end if stepper.index == self.n_steps else stepper.t
-                new = grid(stepper.t0, stepper.h, self.every, count, stepper.index, end, first)
+            first, count = self._n_times, self.history.count
+            new = self._grid(count, first) if self.times is None else self.times[first:count]
             self.history.arrays["t"][first:count] = new
             self._n_times = max(0, count - 1)  # the last one may be that of the end of the run
 
     def _fields(self) -> dict[str, Any]:
         return {"h": self.stepper.h}
 
-    def _solution(self, rows: Mapping[str, np.ndarray], outputs: dict[str, np.ndarray]) -> Solution:
-        solution = super()._solution(rows, outputs)
+    def _grid(self, count: int, first: int = 0) -> np.ndarray:
         stepper = self.stepper
-        if "t" in rows:
-            solution.t = rows["t"]
-        elif self.times is not None:
-            solution.t = self.times[: len(rows["u"])]
-        else:
-            count, index = len(rows["u"]), stepper.index
-            end = self.t_end if index == self.n_steps else stepper.t
-            solution._later["t"] = partial(grid, stepper.t0, stepper.h, self.every, count, index, end)
-        return solution
+        end = self.t_end if stepper.index == self.n_steps else stepper.t
+        return grid(stepper.t0, stepper.h, self.every, count, stepper.index, end, first)
 
     def _notes(self) -> list[str]:
         stepper = self.stepper
@@ -329,31 +291,6 @@ def grid(t0: float, h: float, every: int, count: int, index: int, t_end: float, 
 def stride(save_every: int | None, n_steps: int) -> int:
     """Return the number of steps from one saved state to the next."""
     return n_steps if save_every is None else min(save_every, n_steps)
-
-
-def _history(
-    stepper: Stepper, n_steps: int, save_every: int | None, times: np.ndarray | None, place: Place | None
-) -> History:
-    """Return an empty history with room for all rows of a run.
-
-    Raises
-    ------
-    MemoryError, OSError
-        If it does not fit in memory, or on the disk if it has a place there.
-    """
-    shapes = stepper.system.functions.shapes
-    every = stride(save_every, n_steps)
-    if times is not None:
-        n_steps, every = len(times) - 1, 1
-    n_outputs = stepper.system.functions.n_outputs if shapes else 0
-    if place is None:
-        check_history(n_steps, every, stepper.n, n_outputs)
-    else:
-        check_disk(place.directory, n_steps, every, stepper.n, n_outputs)
-    rows = n_rows(n_steps, every) if times is None else len(times)
-    state = () if stepper.form is SCALAR else (stepper.n,)
-    directory = place.directory if place else None
-    return History(state, shapes, rows, directory, has_times=False, has_steps=False)
 
 
 def steps_until(stepper: Stepper, t_end: float) -> int:

@@ -84,12 +84,10 @@ class History:
         """Number of rows that are written."""
         return self._put_aside + self.row
 
-    def rows(self, n: int | None = None) -> Rows:
-        """The present block as the kernel takes it. With n, u and v have two dimensions."""
+    def rows(self, n: int) -> Rows:
+        """The present block as the kernel takes it: u and v have rows of n values."""
         arrays = self.arrays
-        u, v = arrays["u"], arrays["v"]
-        if n is not None:
-            u, v = u.reshape(-1, n), v.reshape(-1, n)
+        u, v = arrays["u"].reshape(-1, n), arrays["v"].reshape(-1, n)
         return Rows(arrays.get("t", _NONE), arrays.get("steps", _NONE), u, v)
 
     @property

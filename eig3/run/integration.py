@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import check_state
 from ..functions.events import Event
 from ..functions.named import named
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.solution import Solution
 from ..stepping.march import Cancel
@@ -18,6 +19,7 @@ from ..stepping.options import run_options
 from .prepare import Prepared
 
 
+@with_suggestions()
 def integrate(
     rhs: Any,
     t_span: Sequence[float],
@@ -81,7 +83,7 @@ def integrate(
     h_max, first_step, max_steps : float, float, int
         With rtol: the longest and the first step, and the number of steps after which the run ends.
     inline : bool
-        Compile the loop with rhs inside: faster for long runs, for about a second of compilation in each process.
+        Compile the loop with rhs inside: faster for long runs, for about a second of compilation.
     progress, raise_on_failure : bool
         Show a progress bar, by tqdm. Raise `IntegrationError` if the run does not complete.
     cancel : threading.Event

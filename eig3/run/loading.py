@@ -14,6 +14,7 @@ from ..functions.events import Event, check_events
 from ..functions.layout import Layout
 from ..functions.quantities import Functions, check_functions
 from ..kernels.protocol import SCALAR, VECTOR
+from ..keywords import with_suggestions
 from ..result import storage
 from ..result.labels import Labels
 from ..result.solution import Solution
@@ -23,6 +24,7 @@ from .fixed_run import FixedRun
 from .variable_run import VariableRun
 
 
+@with_suggestions()
 def load(
     path: str | PathLike[str],
     *,
@@ -92,7 +94,7 @@ def with_functions(
     outputs: Any = None,
     jacobian: Any = None,
     labels: Labels | None = None,
-    integrals: tuple[str, ...] = (),
+    quadratures: tuple[str, ...] = (),
 ) -> Solution:
     """Give a loaded solution the functions of its run, as `eig3.load` describes it, and return it."""
     state = solution._state
@@ -129,7 +131,7 @@ def with_functions(
         functions=Functions(**given),
         inline=check_flag(state["inline"], "inline"),
         labels=labels,
-        integrals=integrals,
+        quadratures=quadratures,
     )
     run = kind.restored(solution, System(rhs, form, options))
     solution._accelerations = run.stepper.accelerations

@@ -17,15 +17,16 @@ from ..functions.named import has_names, in_layout, named
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, Form
 from ..methods import Method
+from ..result.memory import n_rows
 from ..result.solution import Solution
 from ..result.storage import Place
 from ..stepping.march import Cancel, March
-from ..stepping.options import RunOptions, run_options
+from ..stepping.observer import check_times
+from ..stepping.options import NEVER, RunOptions, run_options
 from ..stepping.stepper import Stepper
 from ..stepping.system import System, remembered
 from ..stepping.tolerances import Tolerances, usual_method
 from ..stepping.variable_stepper import VariableStepper
-from ..stepping.watching import check_times
 from . import short
 from .fixed_run import FixedRun, divide
 from .progress import check_progress
@@ -122,8 +123,8 @@ class Prepared:
         u, v, form = check_state(u0, v0)
         if form is not self._system.form:
             raise self._wrong_form(u0)
-        if self._system.integrals:
-            u, v = self._with_integrals(u, v)
+        if self._system.quadratures:
+            u, v = self._with_quadratures(u, v)
         if self.options.layout or (type(params) not in _WITHOUT_NAMES and has_names(params)):
             params = in_layout(self.options.layout, params)
         start = check_span(span), u, v, guarded(check_params(params))
@@ -133,43 +134,44 @@ class Prepared:
 
     def member(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, cancel: Cancel | None) -> Solution:
         """Run a member of an ensemble, whose start is checked already. A short run does not look at `cancel`."""
-        start = span, *self._with_integrals(u, v), guarded(params)
+        start = span, *self._with_quadratures(u, v), guarded(params)
         solution = self._if_short(*start)
         return solution or carry_out(partial(self._begin, *start, False, None), cancel, raise_on_failure=False)
 
     def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
         """Return a stepper at a checked start. It has refused what the right-hand side or the method do not accept."""
-        start = span, *self._with_integrals(u, v), guarded(params), None
+        start = span, *self._with_quadratures(u, v), guarded(params), None
         return self._variable_stepper(*start) if self.options.tolerances else self._fixed_stepper(*start)[0]
 
-    def _with_integrals(self, u: Any, v: Any) -> tuple[Any, Any]:
-        if not self._system.integrals:
+    def _with_quadratures(self, u: Any, v: Any) -> tuple[Any, Any]:
+        if not self._system.quadratures:
             return u, v
-        zeros = np.zeros(len(self._system.integrals))
+        zeros = np.zeros(len(self._system.quadratures))
         return np.append(u, zeros), np.append(v, zeros)
 
     def _if_short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
         """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
         tolerances = self.options.tolerances
         try:
-            times = None if self._t_eval is None else self._times_in(span)
+            times, every = None if self._t_eval is None else self._times_in(span), self._every
             if tolerances:
                 steps, rows = self._system.last_sizes.get(tolerances.rtol, (0, 0))
                 stepper: Any = self._variable_stepper(span, u, v, p, times)
             else:
                 stepper, steps = self._fixed_stepper(span, u, v, p, times)
-                rows = steps // min(self._every, steps) + 2
+                every = min(every, steps)
+                rows = n_rows(steps, every)
+            if times is not None:
+                every, rows = NEVER, len(times)
             pace = self._system.pace.get(stepper.kernel.pace_key)
-            if pace is None or not rows or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
+            if pace is None or not steps or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
                 return None
             if tolerances:
                 seconds = max(short.TRIED_SECONDS, _LONGER * steps * pace)
-                steps = int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE))
-            if times is not None:
-                return short.at_times(stepper, steps, span[1], times)
-            if tolerances:
-                return short.variable(stepper, steps, self._every, rows)
-            return short.fixed(stepper, steps, span[1], self.options.save_every)
+                steps = min(tolerances.max_steps, int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE)))
+                return short.at_once(stepper, steps, span[1], every, rows, times, VariableRun, (every, times))
+            given = steps, span[1], self.options.save_every, times
+            return short.at_once(stepper, steps, span[1], every, rows, times, FixedRun, given)
         except KeyboardInterrupt as error:
             error.solution = None  # type: ignore[attr-defined]
             raise
@@ -185,13 +187,13 @@ class Prepared:
         """Return a run at its start."""
         if progress is not False:
             check_progress(progress)
-        place = None if save_to is None else Place.of(save_to, self._system.labels, self._system.integrals)
+        place = None if save_to is None else Place.of(save_to, self._system.labels, self._system.quadratures)
         times, options = None if self._t_eval is None else self._times_in(span), self.options
         if options.tolerances:
             stepper = self._variable_stepper(span, u, v, p, times)
-            return VariableRun.at_start(stepper, self._every, times, place, progress, self._note_size)
+            return VariableRun(stepper, self._every, times, place, progress).begin()
         fixed, n_steps = self._fixed_stepper(span, u, v, p, times)
-        return FixedRun.at_start(fixed, n_steps, span[1], options.save_every, times, place, progress)
+        return FixedRun(fixed, n_steps, span[1], options.save_every, times, place, progress).begin()
 
     def _times_in(self, span: tuple[float, float]) -> np.ndarray:
         """Return the times of t_eval, which are checked once for each span that differs from the last one."""
@@ -217,17 +219,12 @@ class Prepared:
         n = 1 if self._system.form is SCALAR else u.size
         return VariableStepper(self._system, span, u, v, p, self.tolerances(n), times)
 
-    def _note_size(self, n_steps: int, rows: int) -> None:
-        """Note how many steps a run with tolerances had, and how many rows the next one may need."""
-        assert self.options.tolerances
-        self._system.last_sizes[self.options.tolerances.rtol] = n_steps, rows + rows // 4 + 16
-
     def tolerances(self, n: int) -> Tolerances:
         """Return the tolerances for n degrees of freedom."""
         if n not in self._tolerances:
-            n_integrals = len(self._system.integrals)
+            n_quadratures = len(self._system.quadratures)
             assert self.options.tolerances
-            self._tolerances[n] = self.options.tolerances.of(n - n_integrals, n_integrals)
+            self._tolerances[n] = self.options.tolerances.of(n - n_quadratures, n_quadratures)
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnosis.drift import excess
+from ..diagnosis.drift import excess, growth
 from ..diagnosis.refinement import Refinement
 from ..functions.checks import check_cancel, check_flag
 from ..functions.evaluation import accelerations
@@ -77,8 +77,6 @@ class Run:
     ----------
     stepper : Stepper or VariableStepper
         It stands where the run begins.
-    history : History
-        With the rows of the states up to there.
     every : int
         Every `every`-th state is saved; `NEVER` saves the first and the last.
     times : ndarray or None
@@ -86,6 +84,8 @@ class Run:
     place : Place or None
         Where the run saves its rows.
     progress : bool
+    history : History, optional
+        For its rows; by default an empty one, with room for them.
 
     Attributes
     ----------
@@ -98,25 +98,22 @@ class Run:
     def __init__(
         self,
         stepper: Any,
-        history: History,
         every: int,
         times: np.ndarray | None,
         place: Place | None = None,
         progress: bool = False,
+        history: History | None = None,
     ) -> None:
-        self.stepper, self.history, self.every, self.times = stepper, history, every, times
+        self.stepper, self.every, self.times = stepper, every, times
         self.place, self._shows_progress = place, progress
+        self.history = history or self._empty_history()
         self.status, self.message = Status.COMPLETED, COMPLETED
         self.reason: Callable[[], str] | None = None
         self.is_done = False
         self.saved: dict[str, np.ndarray] | None = None  # the rows, when the run has ended
         self.saved_outputs: dict[str, np.ndarray] = {}
         self._looked_at = stepper.index
-        if stepper.look:
-            self._refer()
-        self._rows = self._rows_to_write()
-        if history.count:  # the run goes on from them
-            self._keep_first()
+        self._refer()
 
     # What differs between a fixed step and tolerances -----------------------------------------------------------------
 
@@ -127,6 +124,16 @@ class Run:
 
     def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any) -> Run:
         """Return an independent run to a later end, which stands where this one ended."""
+        raise NotImplementedError
+
+    def _empty_history(self) -> History:
+        """Return an empty history with room for rows.
+
+        Raises
+        ------
+        MemoryError, OSError
+            If it does not fit in memory, or on the disk if it has a place there.
+        """
         raise NotImplementedError
 
     def finer(self, k: int) -> Run:
@@ -209,7 +216,7 @@ class Run:
             self._judge(first)
             stepper = self.stepper
             if stepper.look:
-                stepper.look.follower.check()
+                stepper.look.check()
             if stepper.form is VECTOR and (stepper.index - self._looked_at >= _LEAST_STEPS or self.is_done):
                 self._check_written()
             if bar:
@@ -245,40 +252,38 @@ class Run:
 
     def _refer(self) -> None:
         """Let the kernel write into the present block of the history."""
-        look = self.stepper.look
-        if self.history.outputs:
-            look.follower.save_in(self.history.outputs)
+        look, history, n = self.stepper.look, self.history, self.stepper.n
+        rows = history.rows(n)
+        self._rows = rows if self.times is None else Rows(*(array[:0] for array in rows))
+        if look:
+            look.save_outputs(history.outputs)
         if self.times is not None:
-            look.watching.want(self.times)
-            look.save_wanted(self.history.arrays, self.stepper.n)
+            look.want(self.times)
+            look.save_wanted(history.arrays, n)
 
-    def _rows_to_write(self) -> Rows:
-        """The rows that the kernel writes besides those at wanted times."""
-        raise NotImplementedError
-
-    def begin(self) -> None:
-        """Save the first state."""
+    def begin(self, earlier: Run | None = None, count: int = 0) -> Any:
+        """Save the first state, or the first `count` rows of an earlier part, and return the run."""
         stepper = self.stepper
-        if self.times is None or self.times[0] == stepper.t0:
+        if earlier:
+            self.history.take(earlier.saved or {}, earlier.saved_outputs, count)
+            self._refer()
+        elif self.times is None or self.times[0] == stepper.t0:
             self._write_present(0.0)
             if self.times is not None:
                 stepper.tally[NEXT] = 1
-        self._keep_first()
-
-    def _keep_first(self) -> None:
-        """Write the first record, or remove the files if that fails."""
         if self.place:
             try:
-                self._keep()
+                self._keep()  # the first record
             except BaseException:
                 self.history.remove()
                 raise
+        return self
 
     def _write_present(self, step: float) -> None:
         """Save the present state in the next row."""
         stepper = self.stepper
         values = {"t": stepper.t, "steps": step, "u": stepper.u, "v": stepper.v}
-        self.history.write(values, stepper.look.follower.present_outputs() if self.history.outputs else {})
+        self.history.write(values, stepper.look.present_outputs() if self.history.outputs else {})
 
     # What a run gives back --------------------------------------------------------------------------------------------
 
@@ -308,9 +313,16 @@ class Run:
 
     def _solution(self, rows: Mapping[str, np.ndarray], outputs: dict[str, np.ndarray]) -> Solution:
         """Return a solution with these rows, which finds what else it has when it is read."""
-        fields = self._fields() | {"u": rows["u"], "v": rows["v"], "outputs": outputs}
+        fields = {**rows, **self._fields(), "outputs": outputs}
         fields |= {"status": self.status, "message": self.message, "reason": self.reason}
-        return solution_of(self.stepper, fields, {"notes": self.all_notes})
+        later: dict[str, Callable[[], Any]] = {"notes": self.all_notes}
+        if "t" not in rows:
+            later["t"] = partial(self._grid, len(rows["u"]))
+        return solution_of(self.stepper, fields, later)
+
+    def _grid(self, count: int, first: int = 0) -> np.ndarray:
+        """Return the times of the rows from `first` to `count` of a run that does not save times."""
+        raise NotImplementedError
 
     def _place(self, save_to: str | PathLike[str] | None) -> Place | None:
         """Return the place of a run that goes on from this one, which is closed.
@@ -321,7 +333,7 @@ class Run:
             If it has none, and this run has many states in files.
         """
         if save_to is not None:
-            return Place.of(save_to, self.stepper.system.labels, self.stepper.system.integrals)
+            return Place.of(save_to, self.stepper.system.labels, self.stepper.system.quadratures)
         rows = *(self.saved or {}).values(), *self.saved_outputs.values()
         in_files = sum(array.nbytes for array in rows if isinstance(array, np.memmap))
         if in_files > _MOST_JOINED:
@@ -338,15 +350,15 @@ class Run:
         """
         stepper, notes = self.stepper, []
         if stepper.look and not stepper.method.is_stochastic and self.status is not Status.DIVERGED:
-            follower = stepper.look.follower
-            for name, k in follower.followed.invariants.items():
-                is_balance = follower.followed.work[k] >= 0
-                growth = self.status is Status.COMPLETED and follower.growth(name, stepper.tally, stepper.index)
-                far = 0.0 if growth else excess(stepper, k, self._fields()["h"])
-                if growth:
-                    notes.append(growth_note(name, growth, is_balance, stepper.method, remedy))
+            look = stepper.look
+            for name, k in look.followed.invariants.items():
+                is_balance = look.followed.work[k] >= 0
+                grown = self.status is Status.COMPLETED and growth(stepper, k)
+                far = 0.0 if grown else excess(stepper, k, self._fields()["h"])
+                if grown:
+                    notes.append(growth_note(name, grown, is_balance, stepper.method, remedy))
                 elif far:
-                    notes.append(drift_note(name, follower.drift_of(k), far, is_balance, remedy))
+                    notes.append(drift_note(name, look.drift_of(k), far, is_balance, remedy))
         return notes
 
     def all_notes(self) -> tuple[str, ...]:
@@ -469,23 +481,23 @@ def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[
     It has these fields, and those that each kind of run has; `later` finds fields when they are read.
     """
     system, tally = stepper.system, stepper.tally
-    common = {
+    fields = {
         "n_steps": stepper.index,
-        "n_rhs": 1 + int(tally[EVALUATIONS]),
-        "n_iterations": int(tally[ITERATIONS]),
+        "n_rhs": 1 + int(tally.item(EVALUATIONS)),
+        "n_iterations": int(tally.item(ITERATIONS)),
         "status": Status.COMPLETED,
         "message": COMPLETED,
-        "reason": None,
         "kernel_seconds": stepper.seconds,
         "method": system.method,
         "labels": system.labels,
         "_accelerations": None if system.history else partial(accelerations, system.callback, stepper.params),
+        **fields,
     }
     if stepper.look:
         later = later | stepper.look.found()
-    solution = Solution._of(common | fields, later)
-    if system.integrals:
-        solution._separate(system.integrals)
+    solution = Solution._of(fields, later)
+    if system.quadratures:
+        solution._separate(system.quadratures)
     return solution
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,52 +13,25 @@ from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
 from ..result.solution import Solution, Status, whole_rows
-from ..result.storage import Place, going_on
-from ..stepping.march import Rows
+from ..result.storage import going_on
+from ..stepping.observer import check_times, further_times
 from ..stepping.options import NEVER
 from ..stepping.system import System
 from ..stepping.tolerances import LEAST_RTOL, Tolerances
 from ..stepping.variable_stepper import VariableStepper
-from ..stepping.watching import check_times, further_times
 from .growth import OVERFLOWING
 from .history import FIRST_ROWS, History
 from .progress import check_progress
-from .run import Run
+from .run import Run, Stop
 
 _NAMED = 5  # degrees of freedom that a note names
 _RATIO = 10  # of the tolerances of runs that show the error
-_NONE = np.empty(0)
-
-
-class _Mark(NamedTuple):
-    """A point from which a run can go on: the end of its last step that does not follow from the end of the span."""
-
-    stepper: VariableStepper
-    rows: int
 
 
 class VariableRun(Run):
     """A run whose steps follow from tolerances. The arguments are those of `Run`."""
 
     stepper: VariableStepper
-    _mark: _Mark | None = None
-    _note_size: Callable[[int, int], None] | None = None
-
-    @classmethod
-    def at_start(
-        cls,
-        stepper: VariableStepper,
-        every: int,
-        times: np.ndarray | None,
-        place: Place | None,
-        progress: bool,
-        note_size: Callable[[int, int], None] | None = None,
-    ) -> VariableRun:
-        """Return a run at its start. At its end it calls ``note_size(steps, rows)``."""
-        run = cls(stepper, _history(stepper, times, place), every, times, place, progress)
-        run._note_size = note_size
-        run.begin()
-        return run
 
     @classmethod
     def restored(cls, solution: Solution, system: System) -> VariableRun:
@@ -73,13 +46,14 @@ class VariableRun(Run):
                 raise ValueError("atol has another shape.")
             stepper.load(state["stepper"])
             if stepper.look:
-                stepper.look.watching.recall(solution.events, state["events"])
+                stepper.look.recall(solution.events, state["events"])
             t, u, v = whole_rows(solution, stepper.n)
             count = check_count(state["rows"], "rows") if times is None else stepper.n_wanted
             if count > len(t):
                 raise ValueError(f"{len(t)} states are too few.")
         every, rows = check_count(state["every"], "save_every"), {"t": t, "steps": np.asarray(solution.steps)}
-        return cls.ended(stepper, every, times, rows | {"u": u, "v": v}, solution.outputs, (stepper.kept(), count))
+        stepper.rows_before_end = count
+        return cls.ended(stepper, every, times, rows | {"u": u, "v": v}, solution.outputs)
 
     @classmethod
     def ended(
@@ -89,16 +63,12 @@ class VariableRun(Run):
         times: np.ndarray | None,
         rows: dict[str, np.ndarray],
         outputs: dict[str, np.ndarray],
-        mark: tuple[dict[str, Any], int],
     ) -> VariableRun:
-        """Return a run that a stepper has taken to its end, with its rows.
-
-        `mark` is what `March.kept` has returned where a longer run goes on, and the number of rows up to there.
-        """
-        run = cls(stepper, _history(stepper, times, None), every, times)
+        """Return a run that a stepper has taken to its end, with its rows."""
+        run = cls(stepper, every, times)
         run.saved, run.saved_outputs = rows, outputs
-        run._mark = _Mark(stepper.fork(), mark[1])
-        run._mark.stepper.restore(mark[0])
+        if stepper.rows_before_end is None:
+            stepper.rows_before_end = len(rows["u"]) - (stepper.index % every > 0)
         run._judge_event()
         return run
 
@@ -115,12 +85,11 @@ class VariableRun(Run):
         place = self._place(save_to)
         if self.stepper.follows_span:
             stepper = self.stepper.restarted(t_end, times)
-            return VariableRun.at_start(stepper, self.every, times, place, progress)
-        mark = self._mark or self._marked()
-        stepper = mark.stepper.extended(t_end)
-        history = _history(stepper, times, place)
-        history.take(self.saved, self.saved_outputs, mark.rows)
-        return VariableRun(stepper, history, self.every, times, place, progress)
+            return VariableRun(stepper, self.every, times, place, progress).begin()
+        stepper = self.stepper.before_end()
+        stepper.t_end = t_end
+        run = VariableRun(stepper, self.every, times, place, progress)
+        return run.begin(self, self._rows_kept() if times is None else stepper.n_wanted)
 
     def finer(self, k: int) -> VariableRun:
         stepper, given, factor = self.stepper, self.stepper.tolerances, _RATIO**k
@@ -128,15 +97,14 @@ class VariableRun(Run):
         tolerances = given._replace(rtol=rtol, atol=given.atol / factor, max_steps=NEVER)
         start = *stepper.start, guarded(stepper.params)
         fine = VariableStepper(stepper.system, (stepper.t0, stepper.t_end), *start, tolerances, self.times)
-        return VariableRun.at_start(fine, 1, self.times, None, False)
+        return VariableRun(fine, 1, self.times).begin()
 
     def check(self, solution: Solution) -> str:
         return self.refinement(solution, _RATIO).of_tolerances(self.stepper.tolerances.rtol)
 
     def state(self) -> dict[str, Any]:
-        mark = self._mark or self._marked()
-        stepper = mark.stepper
-        found = stepper.look.watching.occurrences() if stepper.look else {}
+        stepper = self.stepper.before_end()
+        found = stepper.look.occurrences() if stepper.look else {}
         return {
             "t0": stepper.t0,
             "t_end": stepper.t_end,
@@ -148,7 +116,7 @@ class VariableRun(Run):
             "tolerances": stepper.tolerances._asdict(),
             "every": self.every,
             "times": self.times,
-            "rows": mark.rows,
+            "rows": self._rows_kept(),
             "stepper": stepper.kept(),
             "events": {name: len(occurrences) for name, occurrences in found.items()},
         }
@@ -158,10 +126,11 @@ class VariableRun(Run):
         """The function of `Solution.at`, if it has one, for a run whose states are all saved; None for other runs."""
         return self.stepper.states_between if self.every == 1 and self.times is None else None
 
-    def _rows_to_write(self) -> Rows:
-        if self.times is None:
-            return self.history.rows(self.stepper.n)
-        return Rows(_NONE, _NONE, *[np.empty((0, self.stepper.n))] * 2)
+    def _empty_history(self) -> History:
+        stepper, times = self.stepper, self.times
+        state, directory = () if stepper.form is SCALAR else (stepper.n,), self.place.directory if self.place else None
+        rows, shapes = FIRST_ROWS if times is None else len(times), stepper.system.functions.shapes
+        return History(state, shapes, rows, directory, has_times=times is None, has_steps=True)
 
     def _left(self) -> int:
         stepper = self.stepper
@@ -181,8 +150,7 @@ class VariableRun(Run):
         if ended == AT_END or stepper.t >= stepper.t_end:
             self.is_done = True
         elif ended == BEFORE_END:
-            self._mark = self._marked()
-            stepper.may_shorten = True
+            stepper.shorten(self.history.count)
         elif ended == FULL and self.times is None:
             self._make_room()
         elif ended == TOO_SMALL:
@@ -192,9 +160,7 @@ class VariableRun(Run):
 
     def _make_room(self) -> None:
         self.history.make_room()
-        self._rows = self._rows_to_write()
-        if self.stepper.look:
-            self._refer()
+        self._refer()
 
     def _end_too_small(self) -> None:
         stepper, t = self.stepper, self.stepper.t
@@ -230,27 +196,30 @@ class VariableRun(Run):
 
     def _complete(self) -> None:
         """Save the last state."""
-        self._mark = self._mark or self._marked()  # before the last state, which a longer run may not save
         stepper, history = self.stepper, self.history
+        stepper.rows_before_end = self._rows_kept()  # without the last state, which a longer run may not save
         if self.times is not None:
             if stepper.look and (stepper.is_over or stepper.t >= stepper.t_end):
-                watching = stepper.look.watching
-                watching.finish(stepper.tally, stepper.t0, stepper.t, stepper.h, stepper.u, stepper.v)
+                stepper.look.finish(stepper.tally, stepper.t0, stepper.t, stepper.h, stepper.u, stepper.v)
             history.row = stepper.n_wanted
             if history.files:
                 history.arrays["t"][: history.row] = self.times[: history.row]
-            if self._note_size:
-                self._note_size(stepper.index, history.row)
             return
         last = history.last_row()
         same = last["t"] == stepper.t and (last["u"] == stepper.u).all() and (last["v"] == stepper.v).all()
         if not same:
             self._write_present(stepper.h)
-        if self._note_size:
-            self._note_size(stepper.index, history.count)
 
-    def _marked(self) -> _Mark:
-        return _Mark(self.stepper.fork(), self.history.count)
+    def march(self, stop: Stop) -> None:
+        """Run to the end, and note how many steps this took, and how many rows the next run may need."""
+        super().march(stop)
+        stepper, rows = self.stepper, self.history.count
+        stepper.system.last_sizes[stepper.tolerances.rtol] = stepper.index, rows + rows // 4 + 16
+
+    def _rows_kept(self) -> int:
+        """Return the number of rows up to the state from which a longer run goes on."""
+        rows = self.stepper.rows_before_end
+        return self.history.count if rows is None else rows
 
     def _keep(self) -> None:
         history = self.history
@@ -261,12 +230,6 @@ class VariableRun(Run):
     def _fields(self) -> dict[str, Any]:
         stepper = self.stepper
         return {"h": stepper.mean_step, "n_rejected": stepper.n_rejected, "_between": self.between}
-
-    def _solution(self, rows: Mapping[str, np.ndarray], outputs: dict[str, np.ndarray]) -> Solution:
-        solution = super()._solution(rows, outputs)
-        solution.t = rows["t"] if "t" in rows else self.times[: len(rows["u"])]  # type: ignore[index]
-        solution.steps = rows["steps"]
-        return solution
 
     def _notes(self) -> list[str]:
         stepper = self.stepper
@@ -303,7 +266,7 @@ class VariableRun(Run):
         for share in np.linspace(0, 1, STATES, endpoint=False)[1:] if len(steps) > 1 else ():
             i = 1 + int(np.searchsorted(taken, share * taken[-1]))
             yield rows["t"][i], *(x[i].item() if scalar else x[i] for x in (rows["u"], rows["v"])), rows["steps"][i]
-        last = self._mark.stepper if self._mark else self.stepper
+        last = self.stepper.before_end()
         yield last.t, last.u, last.v, last.h
 
     def _total(self) -> tuple[int, str]:
@@ -312,12 +275,3 @@ class VariableRun(Run):
     def _progress(self) -> int:
         stepper = self.stepper
         return round(100 * (stepper.t - stepper.t0) / (stepper.t_end - stepper.t0))
-
-
-def _history(stepper: VariableStepper, times: np.ndarray | None, place: Place | None) -> History:
-    """Return an empty history with room for the first rows."""
-    state = () if stepper.form is SCALAR else (stepper.n,)
-    rows = FIRST_ROWS if times is None else len(times)
-    directory = place.directory if place else None
-    shapes = stepper.system.functions.shapes
-    return History(state, shapes, rows, directory, has_times=times is None, has_steps=True)

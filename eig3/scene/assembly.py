@@ -15,15 +15,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .bonds import bonds_of
 from .cell import Cell
 from .constraint import Constraint
 from .effect import FORCES, Body, Effect, Link, Motion
 from .names import words
+from .pair_force import PairForce, check_rest
 from .placed import Placed, joined
-from .swarm import Swarm, check_rest, joined_pairs
 
 if TYPE_CHECKING:
-    from .constraint_set import ConstraintSet
+    from .constraint_system import ConstraintSystem
 
 #: The columns of the number of each member's event and of the number of its state, among all of the scene.
 EVENT, STATE = "=event", "state"
@@ -200,7 +201,8 @@ class Assembly:
 
     `events` are the names of the events, in the order in which their effects were added, and `states` the names of
     those that have a state. The points of `meshes` are indices of masses; from the number of masses on they stand for
-    `supports`. `joined` are the pairs of points that a link, a cell or a constraint joins.
+    `supports`. `bonds` are pairs of points, if any effect leaves out
+    pairs by their bonds.
     """
 
     cloud: Cloud
@@ -208,12 +210,12 @@ class Assembly:
     links: list[Group]
     meshes: list[Placed]
     supports: Supports
-    swarms: list[Swarm]
-    joined: np.ndarray
+    pair_forces: list[PairForce]
+    bonds: np.ndarray
     motions: list[Placed]
     events: list[str]
     states: list[str]
-    held: ConstraintSet | None
+    constraints: ConstraintSystem | None
     follows_work: bool
 
     @property
@@ -253,18 +255,18 @@ class Assembly:
     @property
     def laws(self) -> list[Placed]:
         of_groups = [law for group in self.bodies + self.links for law in group.laws]
-        return [*of_groups, *self.meshes, *self.swarms]
+        return [*of_groups, *self.meshes, *self.pair_forces]
 
     @property
     def is_conservative(self) -> bool:
         """Whether the sum of the kinetic energy and the potentials is constant."""
         moves = bool(self.supports.moved) or any(group.motions for group in self.links)
-        moves |= bool(self.held and self.held.depends_on_time)
+        moves |= bool(self.constraints and self.constraints.depends_on_time)
         return all(law.is_conservative for law in self.laws) and not moves and not self.cloud.shear
 
     @property
     def reads_velocity(self) -> bool:
-        return self.follows_work or bool(self.held) or any(law.effect.reads_velocity() for law in self.laws)
+        return self.follows_work or bool(self.constraints) or any(law.effect.reads_velocity() for law in self.laws)
 
     @property
     def inertias(self) -> np.ndarray:
@@ -283,7 +285,9 @@ class Assembly:
         return np.concatenate([values[is_mass].T.ravel(), spins[is_mass].T.ravel(), np.zeros(len(self.states))])
 
 
-def assemble(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm] = (), *, work: bool = False) -> Assembly:
+def assemble(
+    cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairForce] = (), *, work: bool = False
+) -> Assembly:
     """Group the effects of a scene.
 
     Raises
@@ -294,27 +298,26 @@ def assemble(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm] = (
     if not (cloud.masses > 0).any():
         raise ValueError("the scene has no mass that can move: add one with scene.mass(m, position).")
     placed, events, states = numbered(cloud, placed)
-    cloud, whole = _without_idle_points(cloud, placed, swarms), cloud
+    cloud, whole = _without_idle_points(cloud, placed, pair_forces), cloud
     motions, moves = _motions(cloud, placed)
     bodies = _fused(_body_groups(cloud, placed))
     links = _fused(_link_groups(cloud, placed, moves))
     meshes, supports = _meshes(cloud, placed, moves)
-    check_rest(swarms, placed)
-    leaves_joined = any(swarm.leaves_joined for swarm in swarms)
-    pairs = joined_pairs(placed, whole.bodies.carried) if leaves_joined else joined_pairs((), {})
-    given = bodies, links, meshes, supports, list(swarms), pairs, motions, events, states
-    assembly = Assembly(cloud, *given, held=None, follows_work=False)
+    check_rest(pair_forces, placed)
+    bonds = bonds_of(placed, whole.bodies.carried) if any(x.exclude_bonded for x in pair_forces) else bonds_of((), {})
+    given = bodies, links, meshes, supports, list(pair_forces), bonds, motions, events, states
+    assembly = Assembly(cloud, *given, constraints=None, follows_work=False)
     if any(isinstance(law.effect, Constraint) for law in placed):
-        from .constraint_set import collected  # it needs SciPy
+        from .constraint_system import collected  # it needs SciPy
 
-        assembly = replace(assembly, held=collected(whole, placed, assembly.degrees + 1))
+        assembly = replace(assembly, constraints=collected(whole, placed, assembly.degrees + 1))
     return replace(assembly, follows_work=work and not assembly.is_conservative)
 
 
-def _without_idle_points(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm]) -> Cloud:
+def _without_idle_points(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairForce]) -> Cloud:
     """Return the points without those of bodies on which no force acts, such as joints. The code does not need them."""
     acting = [points for law in placed if not isinstance(law.effect, Constraint) for points in law.points]
-    used = [*acting, *(x for swarm in swarms for x in swarm.points)]
+    used = [*acting, *(x for pair_force in pair_forces for x in pair_force.points)]
     idle = cloud.bodies.carried.keys() - set(np.concatenate([*used, np.empty(0, dtype=np.int64)]).tolist())
     masses, carried = cloud.masses.copy(), cloud.bodies.carried
     masses[list(idle)] = 0.0
@@ -536,7 +539,7 @@ def _fused(groups: list[Group]) -> list[Group]:
 def sources(assembly: Assembly) -> str:
     """Return the sources of the effects."""
     effects = [law.effect for law in assembly.laws + assembly.motions]
-    effects += assembly.held.effects if assembly.held else []
+    effects += assembly.constraints.effects if assembly.constraints else []
     return "; ".join(dict.fromkeys(f"{effect.title}: {effect.source}" for effect in effects if effect.source))
 
 
@@ -566,22 +569,25 @@ def note(assembly: Assembly) -> str:
     for group in assembly.bodies + assembly.links:
         for law in group.laws:
             acting[law.effect.title] += group.first.size
-    acting += assembly.held.counts if assembly.held else Counter()
+    acting += assembly.constraints.counts if assembly.constraints else Counter()
     for mesh in assembly.meshes:
         acting[mesh.effect.title] += mesh.points[0].size
     lines += [f"{count} x {title}" for title, count in acting.items()]
-    lines += [f"{swarm.effect.title} between all near pairs of {swarm.size} points" for swarm in assembly.swarms]
+    lines += [
+        f"{pair_force.effect.title} between all near pairs of {pair_force.size} points"
+        for pair_force in assembly.pair_forces
+    ]
     if assembly.angles:
         lines.append(f"{np.count_nonzero(assembly.cloud.inertia)} of the masses spin")
     if assembly.events:
         others = f" to {assembly.events[-1]!r}" * (len(assembly.events) > 1)
         lines.append(f"{len(assembly.events)} event{'s' * bool(others)}: {assembly.events[0]!r}{others}")
     reads = [law.effect.title for law in assembly.laws if law.effect.reads_velocity()]
-    reads += ["the work that is followed"] * assembly.follows_work + ["the constraints"] * bool(assembly.held)
+    reads += ["the work that is followed"] * assembly.follows_work + ["the constraints"] * bool(assembly.constraints)
     if reads:
         lines.append(f"velocity is read by {', '.join(dict.fromkeys(reads))}")
     else:
         lines.append("nothing reads the velocity: central difference takes one evaluation a step")
     if assembly.follows_work:
-        lines.append('the work done is followed: solution.integrals["work"], J')
+        lines.append('the work done is followed: solution.quadratures["work"], J')
     return "\n".join(lines)

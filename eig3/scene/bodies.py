@@ -16,10 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import reals
+from ..keywords import with_suggestions
 from .constraint import Constraint, Equation
 from .description import Description, Points
-from .drive import Drive, DriveInSpace
 from .hinge_friction import HingeFriction, HingeFrictionInSpace
+from .hinge_motor import HingeMotor, HingeMotorInSpace
+from .point_joint import PointJoint
+from .prescribed_angle import PrescribedAngle, PrescribedAngleInSpace
 from .weld import Weld
 
 _UNIT = 1e-9  # the largest error of a rotation
@@ -71,6 +74,7 @@ class Along(Constraint):
         return [Equation(((-1.0, 1.0, 0.0), zero), ((0.0, 0.0, 1.0), zero), 1.0, target)]
 
 
+@with_suggestions()
 @dataclass(frozen=True, eq=False)
 class RigidBody:
     """A rigid body of a scene.
@@ -115,21 +119,37 @@ class RigidBody:
         """Return the point of the body that is at a position of the scene at the start, m."""
         return self.point(self._local(reals(position, "position") - self.centre.position))
 
-    def joint(self, other: RigidBody | None, position: ArrayLike) -> None:
-        """Join the body to another one, or to the ground, at a position, m: a hinge in the plane, a ball in space."""
-        place = self._place_of(other, position)
-        self.scene.add(Weld(), self.at(position), place)
+    def revolute(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike | None = None) -> None:
+        """Join the body to another one, or to the ground, with a hinge at a position, m; in space along an axis."""
+        self._check_axis(axis, "a revolute joint")
+        across = [] if axis is None else self._frame(axis, "axis")
+        self._pinned(other, position)
+        for vector in across[1:]:
+            self.scene.add(Perpendicular(), self._facing(across[0]), self._of(other, vector))
 
-    def hinge(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike) -> None:
-        """Join the body in space to another one, or to the ground, with a hinge at a position along an axis."""
-        if len(self.principal) == 2:
-            raise ValueError("a hinge has an axis in space only; in the plane, body.joint(other, position) is a hinge.")
-        ahead, *across = self._frame(axis, "axis")
-        self.joint(other, position)
-        for vector in across:
-            self.scene.add(Perpendicular(), self._facing(ahead), self._of(other, vector))
+    def spherical(self, other: RigidBody | None, position: ArrayLike) -> None:
+        """Join the body in space to another one, or to the ground, with a ball joint at a position, m."""
+        self._check_space("a spherical joint")
+        self._pinned(other, position)
 
-    def slide(self, other: RigidBody | None, position: ArrayLike, direction: ArrayLike) -> None:
+    def universal(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike, other_axis: ArrayLike) -> None:
+        """Join the body in space to another one, or to the ground, with a universal joint at a position, m.
+
+        The cross of the joint turns about `axis` in the body and about `other_axis` in the other one, which are at
+        right angles to each other.
+        """
+        self._check_space("a universal joint")
+        mine, theirs = self._frame(axis, "axis")[0], self._frame(other_axis, "other_axis")[0]
+        if abs(mine @ theirs) > _UNIT:
+            raise ValueError("axis and other_axis of a universal joint must be at right angles to each other.")
+        self._pinned(other, position)
+        self.scene.add(Perpendicular(), self._facing(mine), self._of(other, theirs))
+
+    def weld(self, other: RigidBody | None) -> None:
+        """Fix the body to another one, or to the ground, as a `Weld`."""
+        self.scene.add(Weld(), self, *([] if other is None else [other]))
+
+    def prismatic(self, other: RigidBody | None, position: ArrayLike, direction: ArrayLike) -> None:
         """Let the body slide along a direction of another one, or of the ground, without turning against it."""
         ahead, *across = self._frame(direction, "direction")
         place = self._place_of(other, position)
@@ -139,10 +159,10 @@ class RigidBody:
         for mine, theirs in [*turns, *([across] if len(across) > 1 else [])]:
             self.scene.add(Perpendicular(), self._facing(mine), self._of(other, theirs))
 
-    def drive(self, other: RigidBody | None, angle: Callable, axis: ArrayLike | None = None) -> None:
-        """Let a motor turn the body against another one, or the ground, by an angle that is a function of time.
+    def prescribed_angle(self, other: RigidBody | None, angle: Callable, axis: ArrayLike | None = None) -> None:
+        """Turn the body against another one, or the ground, by an angle that is a function of time.
 
-        In space, the body has a hinge with the same axis. The reaction is the torque of the motor, N m.
+        In space, the body has a revolute joint with the same axis. The reaction is the torque that turns it, N m.
 
         Parameters
         ----------
@@ -152,8 +172,26 @@ class RigidBody:
         axis : array_like, shape (3,), optional
             In space, the axis of the hinge, about which the angle is positive as a right-handed screw turns.
         """
-        vectors = self._about(other, axis, "drive")
-        self.scene.add((Drive if axis is None else DriveInSpace)(angle), *vectors)
+        vectors = self._about(other, axis, "a prescribed angle")
+        self.scene.add((PrescribedAngle if axis is None else PrescribedAngleInSpace)(angle), *vectors)
+
+    def motor(self, other: RigidBody | None, torque: Callable, axis: ArrayLike | None = None) -> None:
+        """Add a torque on the body, and the opposite one on another body, or on the ground.
+
+        In space, the body has a revolute joint with the same axis.
+
+        Parameters
+        ----------
+        other : RigidBody or None
+        torque : jitted function
+            ``torque(t)`` or ``torque(t, angle, rate)``, N m, with the angle by which the body has turned against the
+            other one since the start, from -pi to pi, rad, and rad/s.
+        axis : array_like, shape (3,), optional
+            In space, the axis of the torque.
+        """
+        self.scene.add(
+            (HingeMotor if axis is None else HingeMotorInSpace)(torque), *self._about(other, axis, "a motor")
+        )
 
     def friction(
         self,
@@ -162,11 +200,12 @@ class RigidBody:
         axis: ArrayLike | None = None,
         *,
         damping: float = 0.0,
-        slip: float = 1e-2,
+        regularization_speed: float = 1e-2,
     ) -> None:
         """Add friction against turning the body against another one, or the ground.
 
-        The torque is -(limit / sqrt(rate^2 + slip^2) + damping) rate, with the rate at which the body turns.
+        The torque is -(limit / sqrt(rate^2 + regularization_speed^2) + damping) rate, with the rate at which it
+        turns.
 
         Parameters
         ----------
@@ -177,18 +216,17 @@ class RigidBody:
             In space, the axis of the hinge.
         damping : float
             Of viscous friction, N m s.
-        slip : float
+        regularization_speed : float
             The rate at which Coulomb's friction reaches 0.71 of its limit, rad/s. At lower rates it acts as a stiff
             damper: an explicit method then needs a short step, and the hinge creeps where it should stick.
         """
         vectors = self._about(other, axis, "friction")
         kind = HingeFriction if axis is None else HingeFrictionInSpace
-        self.scene.add(kind(limit, damping, slip), *vectors)
+        self.scene.add(kind(limit, damping, regularization_speed), *vectors)
 
     def _about(self, other: RigidBody | None, axis: ArrayLike | None, what: str) -> tuple[Points, ...]:
         """Return vectors across an axis, one of each body, and in space the axis as a vector of the other one."""
-        if (axis is None) != (len(self.principal) == 2):
-            raise ValueError(f"axis of a {what} is that of its hinge in space; in the plane there is none.")
+        self._check_axis(axis, what)
         if axis is None:
             across = np.array([1.0, 0.0])
             return self._facing(across), self._of(other, across)
@@ -203,7 +241,7 @@ class RigidBody:
         ndarray, shape (...) in the plane, or (..., 4) in space
             The angle from the x axis, rad, between -pi and pi; or quaternions (x, y, z, w), as SciPy's.
         """
-        vectors = self.axes.of(np.asarray(values))
+        vectors = self.axes.positions(np.asarray(values))
         matrix = np.swapaxes(vectors, -1, -2) @ self.principal.T
         if len(self.principal) == 2:
             return np.arctan2(matrix[..., 1, 0], matrix[..., 0, 0])
@@ -211,9 +249,9 @@ class RigidBody:
 
         return Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_quat().reshape(*matrix.shape[:-2], 4)
 
-    def spin(self, u: ArrayLike, v: ArrayLike) -> np.ndarray:
+    def angular_velocity(self, u: ArrayLike, v: ArrayLike) -> np.ndarray:
         """Return the angular velocity, rad/s: of shape (...) in the plane, or (..., 3) in the frame of the scene."""
-        e, rates = self.axes.of(np.asarray(u)), self.axes.of(np.asarray(v))
+        e, rates = self.axes.positions(np.asarray(u)), self.axes.velocities(np.asarray(v))
         if len(self.principal) == 2:
             return (e[..., 0] * rates[..., 1] - e[..., 1] * rates[..., 0]).mean(axis=-1)
         return np.cross(e, rates).sum(axis=-2) / 2
@@ -237,6 +275,28 @@ class RigidBody:
         fixed = self.scene.fixed(vector)
         self.scene._bodies.vectors.append(int(fixed.numbers))
         return fixed
+
+    def _pinned(self, other: RigidBody | None, position: ArrayLike) -> None:
+        """Let two points coincide, one of each body."""
+        place = self._place_of(other, position)
+        self.scene.add(PointJoint(), self.at(position), place)
+
+    def _points_of_weld(self, other: RigidBody | None) -> tuple[Points, ...]:
+        """Return where the other body, or the ground, has the centre and the axes of this one; and those themselves."""
+        theirs = [self._of(other, axis) for axis in self.axes.position]
+        return self._place_of(other, self.centre.position), self.centre, *theirs, *self.axes
+
+    def _check_axis(self, axis: ArrayLike | None, what: str) -> None:
+        if axis is None and len(self.principal) == 3:
+            raise ValueError(f"axis of {what} must be given in a scene of 3 dimensions.")
+        if axis is not None and len(self.principal) == 2:
+            raise ValueError(f"axis of {what} is for scenes of 3 dimensions: leave it out in the plane.")
+
+    def _check_space(self, what: str) -> None:
+        if len(self.principal) == 2:
+            raise ValueError(
+                f"{what} is for scenes of 3 dimensions; in the plane, take body.revolute(other, position)."
+            )
 
     def _place_of(self, other: RigidBody | None, position: ArrayLike) -> Points:
         """Return the point of another body, or of the ground, that is at a position at the start."""

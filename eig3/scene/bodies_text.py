@@ -13,8 +13,8 @@ from ..kernels import bodies, neighbours
 from .assembly import Assembly
 from .constraint_text import ConstraintText
 from .source import Source, entry
-from .straight_text import is_few
 from .text import Text, cross
+from .unrolled_text import is_few
 
 
 class BodiesText(Text):
@@ -23,7 +23,7 @@ class BodiesText(Text):
     def __init__(self, assembly: Assembly, source: Source) -> None:
         super().__init__(assembly, source)
         self._d, self._own, self._count = assembly.dimension, assembly.own, assembly.n
-        self._work, self._is_straight = assembly.size, is_few(assembly)
+        self._work, self._is_unrolled = assembly.size, is_few(assembly)
         self.suffix = "_of_all" if self._count > self._own else ""
         if self.suffix:
             self._pack_carried(assembly)
@@ -38,7 +38,7 @@ class BodiesText(Text):
         """Put the table of the points that bodies carry into p, and arrays for all points."""
         cloud, source = assembly.cloud, self._source
         points = [cloud.bodies.carried[point] for point in sorted(cloud.bodies.carried)]
-        if not self._is_straight:  # where the points are in the source, it must not depend on their places
+        if not self._is_unrolled:  # where the points are in the source, it must not depend on their places
             points = [(parts[factors != 0], factors[factors != 0]) for parts, factors in points]
         self._carriers = [cloud.free[parts] for parts, _ in points]  # the masses that carry each point
         self._sizes, self._degrees = [len(parts) for parts in self._carriers], assembly.degrees + 1
@@ -62,7 +62,7 @@ class BodiesText(Text):
         A force f on the vector e2 = e0 x e1 does the same work as e1 x f on e0 and f x e0 on e1.
         """
         count = len(self._plates)
-        if self._is_straight:
+        if self._is_unrolled:
             for s, (i, j, k) in enumerate(self._plates.tolist()):
                 self._plate(f"{i}", f"{j}", f"{k}", f"{s}")
         elif count:
@@ -110,15 +110,15 @@ class BodiesText(Text):
 
     def _all_points(self) -> None:
         """Compute the positions and velocities of all points."""
-        if not self._is_straight:
+        if not self._is_unrolled:
             self._tables()
         self._spread()
 
     def _spread(self) -> None:
         for k, (array, everything) in enumerate((("u", "everywhere"), ("v", "speeds"))):
             self._line(self._array(everything, k, array))
-            if self._is_straight:
-                self._straight_spread(array, everything)
+            if self._is_unrolled:
+                self._unrolled_spread(array, everything)
             else:
                 given = f"{array}, {everything}, {self._own}, {self._count}, begins, parts, factors, {self._d}"
                 self._line(f"spread({given})")
@@ -131,21 +131,21 @@ class BodiesText(Text):
         self._line(f"weights = floats(kept, {self._weights}, {self._own})")
 
     def _gather(self, everything: str, x: str) -> None:
-        if self._is_straight:
-            self._straight_gather(everything, x)
+        if self._is_unrolled:
+            self._unrolled_gather(everything, x)
         else:
             given = f"{everything}, {x}, {self._own}, {self._count}, begins, parts, factors, weights, {self._d}"
             self._line(f"gather({given})")
 
     def _array(self, name: str, k: int, like: str) -> str:
         more = self._d * (self._count - self._own)
-        if self._is_straight:
+        if self._is_unrolled:
             return f"{name} = batch()[: len({like}) + {more}]"
         return f"{name} = floats(kept, {self._scratch + k * self._degrees}, len({like}) + {more})"
 
     # The same as `eig3.kernels.bodies`, for few points
 
-    def _straight_spread(self, x: str, everything: str) -> None:
+    def _unrolled_spread(self, x: str, everything: str) -> None:
         for axis in range(self._d):
             for i in range(self._own):
                 self._line(f"{everything}[{axis * self._count + i}] = {x}[{axis * self._own + i}]")
@@ -155,7 +155,7 @@ class BodiesText(Text):
         with self._block(f"for k in range(len({x}) - {self._d * self._own})"):
             self._line(f"{everything}[{self._d * self._count} + k] = {x}[{self._d * self._own} + k]")
 
-    def _straight_gather(self, everything: str, x: str) -> None:
+    def _unrolled_gather(self, everything: str, x: str) -> None:
         for axis in range(self._d):
             for i in range(self._own):
                 self._line(f"{x}[{axis * self._own + i}] = {everything}[{axis * self._count + i}]")

@@ -10,8 +10,7 @@ import numba
 import numpy as np
 from numba.types import unliteral
 
-from ..kernels.compile.jit import compiled
-from ..kernels.compile.numba_internals import return_type
+from ..kernels.compile.jit import type_returned
 from .effect import REAL, Effect, arguments
 from .fields import check_fields
 
@@ -41,9 +40,9 @@ class Cell(Effect):
     this kind then has the derivative of its potential with respect to this value, as its function `conjugate`, and the
     kind makes the forces of it. This takes three compiled functions of the kind:
 
-    - ``measure(x, ...)`` returns the variable;
-    - ``pace(x, v, ...)`` returns its rate, which effects take as the argument `rate`;
-    - ``spread(x, conjugate, ...)`` returns the forces: minus the derivative of the variable with respect to each point,
+    - ``value(x, ...)`` returns the variable;
+    - ``rate(x, v, ...)`` returns its rate, which effects take as the argument `rate`;
+    - ``forces(x, conjugate, ...)`` returns the forces: minus the derivative of the variable with respect to each point,
       times the conjugate.
 
     Attributes
@@ -73,9 +72,9 @@ class Cell(Effect):
     def check_points(
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
     ) -> None:
-        held = np.flatnonzero(np.all([m == 0 for m in masses], axis=0))
-        if held.size:
-            raise ValueError(f"{self.title} has only fixed points in cell {held[0]}, so that it cannot move anything.")
+        fixed = np.flatnonzero(np.all([m == 0 for m in masses], axis=0))
+        if fixed.size:
+            raise ValueError(f"{self.title} has only fixed points in cell {fixed[0]}, so that it cannot move anything.")
 
     def refuse_cells(self, wrong: np.ndarray, what: str) -> None:
         """Raise a ValueError that names the first wrong cell, if any is. `what` says why, and the remedy."""
@@ -88,17 +87,17 @@ class Cell(Effect):
         sizes = {column: size for column, size in self.shape.items() if size}
         given |= {"x": points, "v": points}
         given |= {column: numba.types.UniTuple(numba.float64, size) for column, size in sizes.items()}
-        if self.variable and name != "measure":
-            measure = self.functions()["measure"]
-            types = tuple(given.get(argument, numba.float64) for argument in arguments(measure))
-            measured = unliteral(return_type(compiled(measure, types)))
-            given |= dict.fromkeys((self.variable, "rate", self.conjugate), measured)
+        if self.variable and name != "value":
+            value = self.functions()["value"]
+            types = tuple(given.get(argument, numba.float64) for argument in arguments(value))
+            found = unliteral(type_returned(value, types))
+            given |= dict.fromkeys((self.variable, "rate", self.conjugate), found)
         return given
 
     def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
         points = ((0,) * dimension,) * self.takes[0]
         of_variable = _form(self._argument_types(name, dimension).get(self.conjugate, returned))
-        wanted = {"potential": 0, "forces": points, "spread": points}.get(name, of_variable)
+        wanted = {"potential": 0, "forces": points}.get(name, of_variable)
         if _form(returned) != wanted:
             form = "a number" if wanted == 0 else f"a tuple of the form {wanted} here, with numbers in place of 0"
             raise TypeError(f"{name} of {self.title} must return {form}, not {unliteral(returned)}.")
@@ -118,9 +117,9 @@ def offers_of(variable: str, conjugate: str, shape: Iterable[str] = (), read: tu
     return {
         conjugate: ("t", variable, "rate", *read),
         "potential": (variable, *read),
-        "measure": ("x", *shape),
-        "pace": ("x", "v", *shape),
-        "spread": ("x", conjugate, *shape),
+        "value": ("x", *shape),
+        "rate": ("x", "v", *shape),
+        "forces": ("x", conjugate, *shape),
     }
 
 

@@ -21,13 +21,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..functions.callbacks import cached_jit, jit
+from ..functions.callbacks import jit
 from ..functions.companions import Constraints, History
 from ..functions.events import Event
 from ..functions.families import Family
+from ..kernels.compile.jit import with_symbol
 from ..kernels.compile.numba_internals import WITHOUT_C_WRAPPER
 from ..kernels.compile.source import define
 from ..kernels.constraint_lanes import Straight
+from ..kernels.constraints import FUNCTION_OF_SCENE
 from ..kernels.neighbours import bounds, memory
 from ..kernels.protocol import index
 from ..kernels.shared_forces import OWN, add_forces, advance_springs, set_forces
@@ -37,13 +39,13 @@ from .assembly import STATE, Assembly
 from .bodies_text import BodiesText
 from .constraint_text import ConstraintText
 from .effect import FORCES, RESETS
-from .grain_contact import Rough
+from .frictional_contact import FrictionalContact
 from .grains_text import GrainsText
 from .group_text import GroupText, MassesText
 from .links_text import LinksText
 from .mesh_text import MeshText, SupportsText
+from .pair_force_text import PairForceText
 from .source import Source, Symbols
-from .swarm_text import SwarmText
 from .text import BlockText, Text, added
 
 #: Near points, and cells, from which on threads share their forces. Links alone are not shared: to compute the force of
@@ -58,7 +60,7 @@ _TINY = (
 G = TypeVar("G", MassesText, LinksText)
 
 
-@cached_jit
+@jit
 def unchanged(t, u, v, p):  # type: ignore[no-untyped-def]
     """Leave the state as it is. The reset of a force that changes its form: it makes the method start anew."""
 
@@ -84,25 +86,30 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
     functions = _functions(text, tuple(names.items()))
     if source.team is not None:
         functions["rhs"].py_func.shares = Shares(functions["share"], source.team, assembly.n)
-    if assembly.held:
+    if assembly.constraints:
         keeping = functions["projection"], functions["constrained_step"]
-        functions["rhs"].py_func.constraints = Constraints(*keeping, writing.straight(functions))
+        functions["rhs"].py_func.constraints = Constraints(*keeping, writing.unrolled(functions))
     if writing.grains:
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"])
     return {
         "rhs": functions["rhs"],
         "energy": functions.get("energy"),
         "events": writing.events_of(functions, assembly.events),
-        "outputs": {"reactions": (functions["reactions"], len(assembly.held.names))} if assembly.held else {},
+        "outputs": {"reactions": (functions["reactions"], len(assembly.constraints.names))}
+        if assembly.constraints
+        else {},
         "params": source.params,
     }
 
 
 @functools.lru_cache(maxsize=256)
 def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
-    known = {"sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index}
+    known = {"__name__": __name__, "sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index}
     known["jit"] = functools.partial(jit, **WITHOUT_C_WRAPPER)
-    return define(text, "scene", {**known, **dict(names)})
+    functions = define(text, "scene", {**known, **dict(names)})
+    if "own" in functions:
+        with_symbol(functions["own"], FUNCTION_OF_SCENE)
+    return functions
 
 
 @functools.lru_cache(maxsize=256)
@@ -129,15 +136,19 @@ class _Functions(Text):
         self._moving = {number for links in self._links for number in links.group.motions}  # the motions of supports
         self._meshes = [MeshText(assembly, source, mesh) for mesh in assembly.meshes]
         self._supports = SupportsText(assembly, source) if assembly.supports.positions.size else None
-        swarms = sorted(assembly.swarms, key=lambda swarm: isinstance(swarm.effect, Rough))
-        near: list[SwarmText] = [
-            (GrainsText if isinstance(swarm.effect, Rough) else SwarmText)(assembly, source, swarm, number)
-            for number, swarm in enumerate(swarms)
+        pair_forces = sorted(
+            assembly.pair_forces, key=lambda pair_force: isinstance(pair_force.effect, FrictionalContact)
+        )
+        near: list[PairForceText] = [
+            (GrainsText if isinstance(pair_force.effect, FrictionalContact) else PairForceText)(
+                assembly, source, pair_force, number
+            )
+            for number, pair_force in enumerate(pair_forces)
         ]
         self._near, self.grains = near, [text for text in near if isinstance(text, GrainsText)]
         self._blocks: list[BlockText] = [*self._bodies, *self._links, *self._meshes, *near]
         self._bodies_text = BodiesText(assembly, source)
-        self._constraints = ConstraintText(assembly, source, assembly.held) if assembly.held else None
+        self._constraints = ConstraintText(assembly, source, assembly.constraints) if assembly.constraints else None
         self._shares_cells = threads is not None and sum(mesh.size for mesh in self._meshes) >= _SHARED_CELLS
         is_large = threads is not None and any(text.listing.masses >= _SHARED for text in near)
         if is_large or self._shares_cells:
@@ -147,19 +158,19 @@ class _Functions(Text):
             source.functions |= {"bounds": bounds, "out_of_line": out_of_line}
         self._has_stages = source.team is not None or bool(self.grains)
         self._suffix = self._bodies_text.suffix
-        self._rhs_name = f"forces{self._suffix}" if assembly.held else "rhs"
+        self._rhs_name = f"forces{self._suffix}" if assembly.constraints else "rhs"
         self._own_masses = assembly.own
         self._occurring: list[Symbols] = []  # the laws with events, by the number in the names of their functions
 
     # The functions
 
-    def straight(self, functions: dict[str, Any]) -> Straight | None:
+    def unrolled(self, functions: dict[str, Any]) -> Straight | None:
         """Return a few constraints as lines for lanes, and let the reactions find their own function for lanes."""
-        text = self._constraints and self._constraints.straight
+        text = self._constraints and self._constraints.unrolled
         if not text:
             return None
         functions["reactions"].py_func.in_lanes = functions["reactions_in_lanes"]
-        return text.straight(functions["forces"])
+        return text.unrolled(functions["forces"])
 
     def parts(self) -> None:
         """Write the functions that others call: the places of the corners of cells, and what threads share."""

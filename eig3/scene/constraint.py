@@ -106,7 +106,7 @@ class Constraint(Effect):
         return given | dict.fromkeys(_POINTS, numba.types.UniTuple(numba.float64, dimension))
 
     def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
-        counts = {"gradient": self.takes[0] * dimension, "target": 3, "length": 3}
+        counts = {"gradient": self.takes[0] * dimension, "target": 3, "distance": 3}
         if name not in counts:
             super()._check_returned(name, returned, dimension)
             return

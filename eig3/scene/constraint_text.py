@@ -15,31 +15,31 @@ from ..kernels import constraints, neighbours
 from .assembly import Assembly
 from .constraint import TINY, Constraint
 from .source import Source, Symbols
-from .straight_text import StraightText, is_few
 from .text import Text
+from .unrolled_text import UnrolledText, is_few
 
 if TYPE_CHECKING:
-    from .constraint_set import ConstraintSet
+    from .constraint_system import ConstraintSystem
 
 
 class ConstraintText(Text):
     """The constraints of one scene in the source."""
 
-    def __init__(self, assembly: Assembly, source: Source, held: ConstraintSet) -> None:
+    def __init__(self, assembly: Assembly, source: Source, system: ConstraintSystem) -> None:
         super().__init__(assembly, source)
-        self._held, self._d, self._work, self._own = held, assembly.dimension, assembly.size, assembly.own
+        self._system, self._d, self._work, self._own = system, assembly.dimension, assembly.size, assembly.own
         self._place = source.size  # of their table in p
-        packed = held.table.packed(self._place)
+        packed = system.table.packed(self._place)
         source.add(packed.values)
-        self._laws = [(source.symbols(law), rows) for law, rows in held.kinds]
+        self._laws = [(source.symbols(law), rows) for law, rows in system.kinds]
         # the place in p of the number of each row, in the order in which they were added, among those of the table
         self._order = source.add(np.argsort(packed.order))
-        self.straight = StraightText(held.table, packed, self._place) if is_few(assembly) else None
+        self.unrolled = UnrolledText(system.table, packed, self._place) if is_few(assembly) else None
         used = ["areas", "STAND", "CONSTRAIN", "REACT", "PROJECT", "LEAP", "strike"]
         used += ["own_address", "PLACE", "sum_up"] * bool(self._laws)
-        source.functions |= {"memory": neighbours.memory, "hold": constraints.LIBRARY[held.table.dimension]}
+        source.functions |= {"memory": neighbours.memory, "hold": constraints.LIBRARY[system.table.dimension]}
         source.functions |= {name: getattr(constraints, name) for name in used}
-        if self.straight:
+        if self.unrolled:
             source.functions |= {"batch": neighbours.batch, "nan": math.nan, "inf": math.inf}
 
     def functions(self) -> None:
@@ -64,13 +64,13 @@ class ConstraintText(Text):
             self._line(self._hold("REACT", "memory(u), memory(v), c.forces"))
             with self._block("for row in range(len(out))"):
                 self._line(f"out[row] = c.multipliers[index(p[{self._order} + row])]")
-        if self.straight:
+        if self.unrolled:
             with self._function("reactions_in_lanes(t, u, v, p, out)"):
-                self._line(*self.straight.reactions())
+                self._line(*self.unrolled.reactions())
 
     def _effort(self, a: str, *react: str) -> None:
         """Add the power of the constraints that depend on the time, in a run that follows the work."""
-        if self._follows_work and self._held.depends_on_time:
+        if self._follows_work and self._system.depends_on_time:
             with self._block(f"if len(u) > {self._work}"):
                 self._line(f"c = areas(memory(p), {self._place})", *react)
                 with self._block("for row in range(len(c.scales))"):
@@ -96,21 +96,21 @@ class ConstraintText(Text):
         self,
     ) -> None:
         """Write what the table does not know: targets that depend on the time, and constraints of their own."""
-        table = self._held.table
+        table = self._system.table
         if table.own_arms:
             with self._block("if task != PLACE"):
                 self._line(f"sum_up(u, c, {len(table.weights)}, {len(table.arms)}, True, c.arms, {self._d})")
         for law, rows in self._laws:
-            self._line(*law.constants("length", "target", "phi", "gradient"))
+            self._line(*law.constants("distance", "target", "phi", "gradient"))
             with self._block(f"for s in range({len(rows)})"):
                 self._line(f"row = index(p[{self._order + int(rows[0])} + s])")
-                if "length" in law.functions:
-                    self._length(law)
+                if "distance" in law.functions:
+                    self._distance(law)
                 else:
                     self._phi(law, int(rows[0]))
 
-    def _length(self, law: Symbols) -> None:
-        self._line(f"length, rate, acceleration = {law.call('length', 's', {'t': 't'})}")
+    def _distance(self, law: Symbols) -> None:
+        self._line(f"length, rate, acceleration = {law.call('distance', 's', {'t': 't'})}")
         self._line("c.targets[row] = length * length")
         self._line("c.target_rates[row] = c.scales[row] * 2 * length * rate")
         self._line("c.target_curvatures[row] = 2 * (rate * rate + length * acceleration)")
@@ -118,7 +118,7 @@ class ConstraintText(Text):
     def _phi(self, law: Symbols, first: int) -> None:
         """Write the value and the gradient, or the curvature: the change of the gradient along the velocity."""
         assert isinstance(law.effect, Constraint)
-        row, period = self._held.table.rows[first], law.effect.period
+        row, period = self._system.table.rows[first], law.effect.period
         if has_target := "target" in law.functions:
             self._line(f"target, rate, acceleration = {law.call('target', 's', {'t': 't'})}")
             self._line("c.target_rates[row] = rate")
@@ -139,7 +139,7 @@ class ConstraintText(Text):
             for k in range(count):
                 self._line(f"w{k} = {self._arm('c.rates', arm + k, count)}")
                 self._line(*(f"speed = max(speed, abs(w{k}[{axis}]))" for axis in axes))
-            self._line(f"step = {float(1e-5 * self._held.table.length)!r} / speed if speed > 0 else 0.0")
+            self._line(f"step = {float(1e-5 * self._system.table.length)!r} / speed if speed > 0 else 0.0")
             self._line("curvature = 0.0")
             with self._block("for sign in range(-1, 2, 2)"):
                 for k in range(count):

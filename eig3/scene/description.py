@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.checks import check_count, check_flag, reals
+from ..functions.checks import check_count, reals
+from ..keywords import with_suggestions
 from .assembly import Bodies, Cloud, count_states
 from .body_torque import BodyTorque
+from .bonds import check_orders
 from .cell import same_points
 from .effect import Body, Effect, Link, arguments
-from .grain_contact import Rough
+from .frictional_contact import FrictionalContact
+from .pair_force import PairForce, check_pair_force
 from .picture import moves
 from .placed import Placed
-from .swarm import Swarm, check_swarm
 
 _ANGLES = {1: 0, 2: 1, 3: 3}  # of a mass that spins, by the dimension
 
@@ -62,10 +64,8 @@ class Points:
     def __getitem__(self, index: Any) -> Points:
         return Points(self.scene, _constant(np.asarray(self.numbers[index])))
 
-    def of(self, u: ArrayLike, t: ArrayLike | None = None) -> np.ndarray:
-        """Return the positions of these points in a run, m, also of fixed ones.
-
-        Of masses alone, it also returns the velocities from ``solution.v``; `velocities` has those of all points.
+    def positions(self, u: ArrayLike, t: ArrayLike | None = None) -> np.ndarray:
+        """Return the positions of these points in a run, m, also of fixed and of moved ones.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ class Points:
         v : array_like, shape (..., degrees of freedom)
             Such as ``solution.v``.
         t
-            As for `of`.
+            As for `positions`.
 
         Returns
         -------
@@ -104,17 +104,12 @@ class Points:
         Raises
         ------
         ValueError
-            As for `of`.
+            As for `positions`.
         """
         return self.scene._values_of(self.numbers, v, t, rate=1)
 
-    def angles_of(self, values: ArrayLike) -> np.ndarray:
-        """Return these masses' angles, rad, or spins, rad/s, from the displacements or velocities of a run.
-
-        Parameters
-        ----------
-        values : array_like, shape (..., degrees of freedom)
-            Such as ``solution.u`` or ``solution.v``.
+    def angles(self, u: ArrayLike) -> np.ndarray:
+        """Return the angles of these masses in a run, rad, from displacements such as ``solution.u``.
 
         Returns
         -------
@@ -125,13 +120,24 @@ class Points:
         ValueError
             If no mass of the scene has an inertia, a point is fixed, or masses were added after the run.
         """
-        return self.scene._values_of(self.numbers, values, angles=True)
+        return self.scene._values_of(self.numbers, u, angles=True)
+
+    def angular_velocities(self, v: ArrayLike) -> np.ndarray:
+        """Return the angular velocities of these masses, rad/s, from ``solution.v``, as `angles` returns the angles."""
+        return self.scene._values_of(self.numbers, v, angles=True)
 
 
 class Axes(Points):
     """The unit vectors of one rigid body."""
 
+    def across(self) -> tuple[Points, Points]:
+        """Return the first one, and the vector of the ground that it is at the start."""
+        fixed = self.scene.fixed(self.position[0])
+        self.scene._bodies.vectors.append(int(fixed.numbers))
+        return self[0], fixed
 
+
+@with_suggestions()
 class Description:
     """The points and the effects of a scene, as they are added one after the other."""
 
@@ -145,7 +151,7 @@ class Description:
             raise ValueError(f"shear must be finite, not {shear!r}.")
         if self._shear and not (self.dimension > 1 and (self._box[:2] > 0).all()):
             raise ValueError("shear needs a box with sides along x and y, such as box=(1.0, 1.0).")
-        self._swarms: list[Swarm] = []
+        self._pair_forces: list[PairForce] = []
         self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
         self._count = 0
         self._placed: list[Placed] = []
@@ -173,7 +179,7 @@ class Description:
         velocity: ArrayLike = 0.0,
         *,
         inertia: ArrayLike | None = None,
-        spin: ArrayLike = 0.0,
+        angular_velocity: ArrayLike = 0.0,
     ) -> Points:
         """Add masses that are free to move.
 
@@ -187,8 +193,8 @@ class Description:
             m/s; 0 if not given.
         inertia : float or array_like, shape (...), optional
             The moment of inertia of a disc or a sphere, kg m^2: the masses then spin. Without it, nothing turns them.
-        spin : array_like, shape (...) in the plane, or (..., 3) in space, optional
-            The angular velocity, rad/s; 0 if not given.
+        angular_velocity : array_like, shape (...) in the plane, or (..., 3) in space, optional
+            rad/s; 0 if not given.
 
         Returns
         -------
@@ -207,17 +213,17 @@ class Description:
             velocity = np.zeros(position.shape if self.dimension > 1 else position.shape[:-1])
         velocity = self._vectors(velocity, "velocity of masses")
         shape = position.shape[:-1]
-        turning = self._turning(inertia, spin, shape)
+        turning = self._turning(inertia, angular_velocity, shape)
         given = spread(m, shape, "m"), spread(velocity, position.shape, "velocity")
         return self._added(position, *given, turning=turning)
 
     def add(
         self,
         effect: Effect,
-        *points: Points,
-        near: Points | None = None,
-        leaves_joined: bool = False,
-        room: int | None = None,
+        *points: Any,
+        others: Points | None = None,
+        exclude_bonded: Collection[str] = (),
+        neighbor_capacity: int | None = None,
     ) -> None:
         """Add an effect on some points.
 
@@ -228,17 +234,18 @@ class Description:
         *points : Points
             A `Body` takes masses; without them it acts on all masses of the scene. A `Link` takes its two ends, as
             points of the same shape or as one point for many. A `Motion` takes fixed points. A `Cell` takes the points
-            of each of its corners, in the same way as a link.
+            of each of its corners, in the same way as a link. A `Weld` takes rigid bodies.
 
             A `Link` with a cutoff also takes one array of points, and then acts between all pairs of them. The compiled
             code keeps a list of the pairs that are near each other, so that the time of a step grows as the number of
             points. Its parameters are numbers; those in `Link.mixed` may have a value for each point, and a pair has
             the mean of the values of its points.
-        near : Points, optional
+        others : Points, optional
             The link acts between all pairs of a point and one of these. Only the former can have values of their own.
-        leaves_joined : bool
-            Leave out pairs that a link or a cell of the scene joins, such as neighbours in a cloth.
-        room : int, optional
+        exclude_bonded : collection of "1-2", "1-3" and "1-4"
+            Leave out the ends of a bond, of two bonds in a row, or of three. Bonds are links and constraints of two
+            points, the edges of cells with a volume, and those between the points of a rigid body.
+        neighbor_capacity : int, optional
             The number of pairs of each point for which the list has memory. By default it is twice that at the start,
             and at least that of a dense packing. A state with more pairs costs more time: they are then looked for in
             each evaluation.
@@ -251,16 +258,20 @@ class Description:
         if not isinstance(effect, Effect):
             given = effect.__name__ if isinstance(effect, type) else type(effect).__name__
             raise TypeError(f"effect must be an effect with parameters, such as LinearSpring(10.0), not {given}.")
+        effect, points = effect.resolved(points)
         effect.check(self.dimension)
         effect = effect.snapshot()
-        if isinstance(effect, Rough) and len(points) != 1:
-            raise TypeError(f"{effect.title} takes one array of points, and fixed points as near=, not {len(points)}.")
-        if isinstance(effect, Link) and len(points) == 1:
-            self._add_swarm(effect, points[0], near, leaves_joined, room)
-            return
-        if near is not None or leaves_joined or room is not None:
+        if isinstance(effect, FrictionalContact) and len(points) != 1:
             raise TypeError(
-                f"near, leaves_joined and room are for a link on one array of points, not for {effect.title}."
+                f"{effect.title} takes one array of points, and fixed points as others=, not {len(points)}."
+            )
+        if isinstance(effect, Link) and len(points) == 1:
+            self._add_pair_force(effect, points[0], others, check_orders(exclude_bonded), neighbor_capacity)
+            return
+        if others is not None or exclude_bonded or neighbor_capacity is not None:
+            raise TypeError(
+                "others, exclude_bonded and neighbor_capacity are for a link on one array of points, not for "
+                f"{effect.title}."
             )
         numbers = self._numbers_of(points, effect)
         if not numbers:  # on all masses; their number is known later
@@ -279,20 +290,20 @@ class Description:
             return
         self._placed.append(Placed(effect, columns, flat))
 
-    def _add_swarm(
-        self, effect: Link, points: Points, near: Points | None, leaves_joined: bool, room: int | None
+    def _add_pair_force(
+        self, effect: Link, points: Points, others: Points | None, excluded: tuple[str, ...], capacity: int | None
     ) -> None:
-        groups = [self._numbers_of([handle], effect)[0] for handle in (points, near) if handle is not None]
+        groups = [self._numbers_of([handle], effect)[0] for handle in (points, others) if handle is not None]
         first, second = groups[0].ravel(), groups[1].ravel() if len(groups) > 1 else np.empty(0, dtype=np.int64)
         columns = effect.columns(groups[0].shape, self.dimension)
-        if not first.size or (near is not None and not second.size):
+        if not first.size or (others is not None and not second.size):
             return
         columns = {name: column[:1] if (column == column[0]).all() else column for name, column in columns.items()}
-        room = None if room is None else check_count(room, "room")
-        swarm = Swarm(effect, columns, (first, second), check_flag(leaves_joined, "leaves_joined"), room)
+        capacity = None if capacity is None else check_count(capacity, "neighbor_capacity")
+        pair_force = PairForce(effect, columns, (first, second), excluded, capacity)
         cloud = self._cloud()
-        check_swarm(swarm, cloud)
-        self._swarms.append(swarm)
+        check_pair_force(pair_force, cloud)
+        self._pair_forces.append(pair_force)
 
     def _vectors(self, values: ArrayLike, name: str) -> np.ndarray:
         vectors = reals(values, name)
@@ -340,18 +351,18 @@ class Description:
         """Return the inertias and the spins of masses, as rows; None for masses that do not spin."""
         if inertia is None:
             if np.any(np.asarray(spin) != 0):
-                raise ValueError("spin of masses needs their inertia: give inertia too.")
+                raise ValueError("angular_velocity of masses needs their inertia: give inertia too.")
             return None
         if self.dimension == 1:
             raise ValueError("inertia is for scenes of 2 or 3 dimensions: nothing spins on a line.")
         moments = spread(reals(inertia, "inertia of masses"), shape, "inertia")
         if not (np.isfinite(moments).all() and (moments > 0).all()):
             raise ValueError("inertia of masses must be positive and finite.")
-        spins = reals(spin, "spin of masses")
+        spins = reals(spin, "angular_velocity of masses")
         if not np.isfinite(spins).all():
-            raise ValueError("spin of masses must be finite.")
+            raise ValueError("angular_velocity of masses must be finite.")
         angles = _ANGLES[self.dimension]
-        spins = spread(spins, shape if angles == 1 else (*shape, angles), "spin")
+        spins = spread(spins, shape if angles == 1 else (*shape, angles), "angular_velocity")
         return moments.ravel(), spins.reshape(-1, angles)
 
     def _check_box(self, box: Sequence[float | None] | None) -> np.ndarray:
@@ -425,7 +436,9 @@ class Description:
             if not moved.any():
                 continue
             if t is None:
-                call = "points.velocities(solution.v, solution.t)" if rate else "points.of(solution.u, solution.t)"
+                call = (
+                    "points.velocities(solution.v, solution.t)" if rate else "points.positions(solution.u, solution.t)"
+                )
                 raise ValueError(f"t must be given for points that a motion moves, as in {call}.")
             times = reals(t, "t")
             if times.shape != shape[len(shape) - times.ndim :]:

@@ -14,16 +14,17 @@ import numpy as np
 from numba.types import unliteral
 
 from ..functions.checks import reals
-from ..kernels.compile.jit import compiled
-from ..kernels.compile.numba_internals import Jitted, gist, return_type
+from ..kernels.compile.jit import type_returned
+from ..kernels.compile.numba_internals import Jitted, gist
+from ..keywords import refuse_unknown
 from .fields import annotations_of, check_fields
 
 #: The functions that cause accelerations: those of a `Body`, of a `Link` and of a `Cell`.
-FORCES = ("force", "acceleration", "tension", "density", "forces", "torque", "stress")
+FORCES = ("force", "acceleration", "tension", "force_density", "forces", "torque", "stress")
 #: The functions that change the state where the event of an effect occurs.
 RESETS = ("velocity_after", "rate_after", "state_after")
 
-_DRAWN = {"plane": ("normal", "offset"), "discs": ("reach",)}  # the fields that a picture needs
+_DRAWN = {"plane": ("normal", "offset"), "discs": ("contact_distance",)}  # the fields that a picture needs
 REAL = (numba.types.Boolean, numba.types.Integer, numba.types.Float)
 _OF_BODY = ("t", "x", "v", "m", "state")
 _OF_LINK = ("t", "r", "rate", "state")
@@ -69,7 +70,7 @@ class Effect:
         Where the formula comes from.
     picture : str
         What animations draw: of a `Link` a "line", a "spring", a "string" until its state is no longer 0, "discs"
-        around its ends that touch at the distance of the field reach, or nothing for ""; of a `Body` a "plane" with the
+        around its ends that touch at the field contact_distance, or nothing for ""; of a `Body` a "plane" with the
         fields normal and offset, or nothing; of a `Cell` of three or four points the "surface" of its mesh, or nothing.
         "weight" draws scenes of one dimension upright.
     """
@@ -87,7 +88,7 @@ class Effect:
     ] = {}  # the functions that this kind of effect can have, and the arguments that they can take
     needs: ClassVar[tuple[str, ...]] = ()  # an effect has at least one of these functions
     takes: ClassVar[tuple[int, ...]] = ()  # the possible numbers of arguments of points
-    cutoff: ClassVar[str] = ""  # see `Link`
+    cutoff_field: ClassVar[str] = ""  # see `Link`
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -98,6 +99,7 @@ class Effect:
         known = getattr(cls, "__dataclass_fields__", None)
         if "__dataclass_fields__" not in vars(cls) and (known is None or annotations_of(cls).keys() - known):
             raise TypeError(f"{cls.__name__} must be a dataclass: decorate it with @dataclass(frozen=True, eq=False).")
+        refuse_unknown(cls, fields)
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
@@ -147,7 +149,7 @@ class Effect:
     def _read(self) -> list[str]:
         """Return the fields that the compiled functions read, a motion's direction, and a link's cutoff."""
         jitted = [function for function in self.functions().values() if isinstance(function, Jitted)]
-        read = ["direction", self.cutoff, *(argument for function in jitted for argument in arguments(function))]
+        read = ["direction", self.cutoff_field, *(argument for function in jitted for argument in arguments(function))]
         return [name for name in _fields(self) if name in read]
 
     def _column(self, name: str, shape: tuple[int, ...], dimension: int) -> np.ndarray:
@@ -220,8 +222,8 @@ class Effect:
                 raise TypeError(
                     f"{self.title} must have a field {name} that a function reads, for its picture {self.picture!r}."
                 )
-        if self.cutoff and self.cutoff not in _fields(self):
-            raise TypeError(f"cutoff of {self.title} must be the name of a field, not {self.cutoff!r}.")
+        if self.cutoff_field and self.cutoff_field not in _fields(self):
+            raise TypeError(f"cutoff_field of {self.title} must be the name of a field, not {self.cutoff_field!r}.")
         for name in self._read():
             self._values(name, dimension)
         for name, function in functions.items():
@@ -263,7 +265,7 @@ class Effect:
         given = self._argument_types(name, dimension)
         types = tuple(given.get(argument, numba.float64) for argument in arguments(function))
         try:
-            returned = return_type(compiled(function, types))
+            returned = type_returned(function, types)
         except Exception as error:
             raise TypeError(f"{name} of {self.title} does not compile: {gist(error)}.") from error
         self._check_returned(name, returned, dimension)
@@ -287,6 +289,10 @@ class Effect:
     def shape_columns(self, rest: list[np.ndarray]) -> dict[str, np.ndarray]:
         """Return further columns, which follow from the positions at rest; see `Cell`."""
         return {}
+
+    def resolved(self, points: tuple[Any, ...]) -> tuple[Effect, tuple[Any, ...]]:
+        """Return the effect and the points that stand for it on what the user gives, such as on rigid bodies."""
+        return self, points
 
     def check_points(
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
@@ -368,7 +374,7 @@ class Body(Effect):
 class Link(Effect):
     """An effect between two points, along the line through them.
 
-    A class has ``tension``, the force that pulls the points together, or ``density``, that force divided by the
+    A class has ``tension``, the force that pulls the points together, or ``force_density``, that force divided by the
     distance. It may have ``potential``, an energy; the tension is then its derivative with respect to the distance.
     Their arguments can be the time t, the distance r, the rate at which r grows, rate, and fields; see `Body` for
     `vectors`, `arrays` and `nonnegative`. In one dimension the r of a link between two given points has a sign: it is
@@ -378,11 +384,11 @@ class Link(Effect):
     The function ``event`` and what happens there, ``rate_after`` and ``state_after``, can take the same arguments as a
     tension: see `Effect`. The scene gives the two ends the velocities that have the new rate and the same momentum.
 
-    A field named ``length`` is a natural length: where it is not 0, the points must not coincide at the start.
+    A field named ``rest_length`` is a rest length: where it is not 0, the points must not coincide at the start.
 
     Attributes
     ----------
-    cutoff : str
+    cutoff_field : str
         The name of a field that holds a distance from which on all functions of the link are 0. Such links are skipped
         before their distance is computed, which makes contacts between many pairs of masses fast. Empty for links
         without a cutoff.
@@ -391,10 +397,10 @@ class Link(Effect):
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
-        **dict.fromkeys(("tension", "density", "event", "rate_after", "state_after"), _OF_LINK),
+        **dict.fromkeys(("tension", "force_density", "event", "rate_after", "state_after"), _OF_LINK),
         "potential": ("r", "state"),
     }
-    needs: ClassVar[tuple[str, ...]] = ("tension", "density", "event")
+    needs: ClassVar[tuple[str, ...]] = ("tension", "force_density", "event")
     takes: ClassVar[tuple[int, ...]] = (2,)
     mixed: ClassVar[tuple[str, ...]] = ()
     picture: ClassVar[str] = "line"
@@ -404,17 +410,17 @@ class Link(Effect):
     ) -> None:
         if ((masses[0] == 0) & (masses[1] == 0)).any():
             raise ValueError(f"{self.title} joins two fixed points, so that it cannot move anything.")
-        for name in {"length", self.cutoff} & set(columns):
+        for name in {"rest_length", self.cutoff_field} & set(columns):
             self.require(columns[name] >= 0, f"{name} must not be negative")
         if (self.needs_direction(columns) & (positions[0] == positions[1]).all(axis=-1)).any():
             raise ValueError(
                 f"{self.title} has no direction where its ends coincide at the start: put them apart, or "
-                "take a spring without a natural length."
+                "take a spring without a rest length."
             )
 
     def needs_direction(self, columns: dict[str, np.ndarray]) -> Any:
         """Return for each pair whether its points must not coincide at the start."""
-        return columns.get("length", np.zeros(1)) != 0
+        return columns.get("rest_length", np.zeros(1)) != 0
 
 
 def distance(positions: list[np.ndarray]) -> np.ndarray:

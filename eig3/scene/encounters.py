@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from .assembly import Assembly, Group
+from .bonds import bonded_pairs
 from .effect import FORCES
-from .grain_contact import Rough
+from .frictional_contact import FrictionalContact
+from .pair_force import PairForce, near_pairs
 from .placed import Placed
-from .swarm import Swarm, near_pairs
 
 _LEAST, _HALF, _CLOSEST = 1e-8, 0.5, 1e-12  # parts of a cutoff: where the way of a pair begins, is halved, and ends
 _DEPTHS = 1e-18, 1e6  # the way into a plane, m
@@ -110,7 +111,7 @@ class Encounters:
     def of(cls, assembly: Assembly) -> Encounters | None:
         """Return the encounters of a scene; None if nothing can meet, or points have no effective mass of their own."""
         self = cls(assembly)
-        meets = bool(assembly.swarms or any(self._of_links()) or any(self._planes()))
+        meets = bool(assembly.pair_forces or any(self._of_links()) or any(self._planes()))
         return self if meets and not assembly.cloud.bodies.vectors else None
 
     def __call__(self, t: float, u: np.ndarray, v: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray] | None:
@@ -121,7 +122,7 @@ class Encounters:
         shape, count = (self._dimension, -1), self._dimension * self._masses.size
         x, velocity = u[:count].reshape(shape).T, v[:count].reshape(shape).T
         speeds = np.linalg.norm(velocity, axis=1) + span * np.linalg.norm(self._pulls(t, x, velocity), axis=1)
-        meetings = [*self._pairs(t, x, speeds), *self._swarms(t, x, speeds), *self._on_planes(t, x, speeds)]
+        meetings = [*self._pairs(t, x, speeds), *self._pair_forces(t, x, speeds), *self._on_planes(t, x, speeds)]
         try:
             found = [one for meeting in meetings for one in meeting.hardest()]
         except ArithmeticError:
@@ -133,7 +134,9 @@ class Encounters:
 
     def _of_links(self) -> Iterator[tuple[Group, list[Placed]]]:
         for group in self._assembly.links:
-            laws = [law for law in group.laws if law.effect.cutoff and law.effect.functions().keys() & set(FORCES)]
+            laws = [
+                law for law in group.laws if law.effect.cutoff_field and law.effect.functions().keys() & set(FORCES)
+            ]
             if laws:
                 yield group, laws
 
@@ -166,19 +169,19 @@ class Encounters:
             ends = [group.first] if group.second is None else [group.first, group.second]
             energy, speed, inverse = (sum(y[i] for i in ends).max() for y in (energies, speeds, inverses))
             crowd = min(int(np.bincount(np.concatenate(ends)).max()), self._dimension + 1)
-            depth = max(float((law.columns[law.effect.cutoff] - r).max()) for law in laws)
+            depth = max(float((law.columns[law.effect.cutoff_field] - r).max()) for law in laws)
             for s in _extremes(laws):
                 yield _meeting(t, laws, s, depth, energy, speed, crowd * inverse)
 
-    def _swarms(self, t: float, x: np.ndarray, speeds: np.ndarray) -> Iterator[_Meeting]:
+    def _pair_forces(self, t: float, x: np.ndarray, speeds: np.ndarray) -> Iterator[_Meeting]:
         """The links between near points. Those between the same points act together."""
-        cloud, together = self._assembly.cloud, dict[Any, list[Swarm]]()
-        for swarm in self._assembly.swarms:
-            together.setdefault((swarm.first.tobytes(), swarm.second.tobytes()), []).append(swarm)
+        cloud, together = self._assembly.cloud, dict[Any, list[PairForce]]()
+        for pair_force in self._assembly.pair_forces:
+            together.setdefault((pair_force.first.tobytes(), pair_force.second.tobytes()), []).append(pair_force)
         of_masses = self._masses * speeds**2 / 2, speeds, 1 / self._masses
         energies, rates, inverses = (np.where(cloud.free < 0, 0.0, np.append(y, 0.0)[cloud.free]) for y in of_masses)
-        for swarms in together.values():
-            first, second = swarms[0].first, swarms[0].second
+        for pair_forces in together.values():
+            first, second = pair_forces[0].first, pair_forces[0].second
             groups = (first, second) if second.size else (first,)
 
             def of_two(values: np.ndarray, groups: tuple = groups) -> float:
@@ -188,19 +191,19 @@ class Encounters:
 
             most = first.size - 1 if len(groups) == 1 else max(first.size, second.size)
             inverse = min(most, self._dimension + 1) * of_two(inverses)
-            depth = max(self._depth(swarm, x) for swarm in swarms)
-            for s in _extremes(swarms):
-                meeting = _meeting(t, swarms, s, depth, of_two(energies), of_two(rates), inverse)
-                yield self._rolling(meeting, t, swarms[0], s, of_two(inverses), bool(second.size))
+            depth = max(self._depth(pair_force, x) for pair_force in pair_forces)
+            for s in _extremes(pair_forces):
+                meeting = _meeting(t, pair_forces, s, depth, of_two(energies), of_two(rates), inverse)
+                yield self._rolling(meeting, t, pair_forces[0], s, of_two(inverses), bool(second.size))
 
     def _rolling(self, meeting: _Meeting, t: float, law: Placed, s: int, inverse: float, has_groups: bool) -> _Meeting:
         """Return a meeting of grains, which have a radius, a mass, and springs along their surfaces."""
-        if not isinstance(law.effect, Rough):
+        if not isinstance(law.effect, FrictionalContact):
             return meeting
-        reach = float(law.value("reach", s))
+        reach = float(law.value("contact_distance", s))
         arms = [reach / 2] * 2
         if has_groups:
-            near = float(law.columns["near_radius"][0])
+            near = float(law.columns["wall_radius"][0])
             arms = [reach - near, near]
         given = {"t": t, "rate": 0.0, "radius": arms[0] * arms[1] / reach, "mass": 1 / inverse}
         of_spin = 1 / self._inertia[self._inertia > 0].min() if self._inertia.any() else 0.0
@@ -217,10 +220,10 @@ class Encounters:
         crowd = meeting.inverse / inverse
         return replace(meeting, push=push, slide=slide, turning=crowd * (inverse + turns))
 
-    def _depth(self, swarm: Swarm, x: np.ndarray) -> float:
+    def _depth(self, pair_force: PairForce, x: np.ndarray) -> float:
         """The largest distance by which two points are within their cutoff at the start."""
-        joined = self._assembly.joined if swarm.leaves_joined else self._assembly.joined[:0]
-        ends, cutoffs = near_pairs(swarm, self._assembly.cloud, x.T.ravel(), joined)
+        bonded = bonded_pairs(self._assembly.bonds, pair_force.exclude_bonded)
+        ends, cutoffs = near_pairs(pair_force, self._assembly.cloud, x.T.ravel(), bonded)
         return float((cutoffs - self._distances(*ends)).max(initial=0.0))
 
     def _on_planes(self, t: float, x: np.ndarray, speeds: np.ndarray) -> Iterator[_Meeting]:
@@ -251,7 +254,7 @@ def _meeting(
     t: float, laws: Sequence[Placed], s: int, depth: float, energy: float, speed: float, inverse: float
 ) -> _Meeting:
     """Return the meeting of two points by laws with a cutoff; `depth` is how far within it they are at the start."""
-    reach = max(float(law.value(law.effect.cutoff, s)) for law in laws)
+    reach = max(float(law.value(law.effect.cutoff_field, s)) for law in laws)
     decades = [math.log10(_HALF / part) for part in (_LEAST, _CLOSEST)]
     far, near = (round(_IN_A_DECADE * d) for d in decades)
     way = np.append(1 - np.geomspace(_LEAST, _HALF, far), np.geomspace(_HALF, _CLOSEST, near)[1:]) * reach
@@ -262,7 +265,7 @@ def _meeting(
         for law in laws:
             functions = law.effect.functions()
             total -= law.call("tension", s, at) if "tension" in functions else 0.0
-            total -= r * law.call("density", s, at) if "density" in functions else 0.0
+            total -= r * law.call("force_density", s, at) if "force_density" in functions else 0.0
         return total
 
     return _Meeting(push, way, reach - depth, energy, speed, inverse)

@@ -15,9 +15,9 @@ from ..kernels import grains, neighbours
 from ..kernels.shared_forces import ACTING, ADVANCING
 from ..kernels.team import out_of_line
 from .assembly import Assembly
+from .pair_force import PairForce
+from .pair_force_text import PairForceText
 from .source import Source, entry
-from .swarm import Swarm
-from .swarm_text import SwarmText
 from .text import NEXT, cross
 
 _CONTACTS = {2: 4, 3: 8}  # of a grain, by the dimension: hard ones have 3 and 6
@@ -41,17 +41,17 @@ spring = stretched(held_values, known, since, grip, wx, wy, wz, nx, ny, nz, limi
 """
 
 
-class GrainsText(SwarmText):
+class GrainsText(PairForceText):
     """Contacts with friction in the source."""
 
     _functions = ("tension", "shear_stiffness", "shear_damping")
 
-    def __init__(self, assembly: Assembly, source: Source, swarm: Swarm, number: int) -> None:
-        super().__init__(assembly, source, swarm, number)
-        self._room = self.listing.points * max(_CONTACTS[assembly.dimension], swarm.room or 0) + 64
+    def __init__(self, assembly: Assembly, source: Source, pair_force: PairForce, number: int) -> None:
+        super().__init__(assembly, source, pair_force, number)
+        self._room = self.listing.points * max(_CONTACTS[assembly.dimension], pair_force.neighbor_capacity or 0) + 64
         self._table = grains.Table.of(self.listing.masses, self._room)
         self._springs_at = source.add(np.zeros(grains.HEAD + 2 * self._table.size))
-        self._has_groups = swarm.second.size > 0
+        self._has_groups = pair_force.second.size > 0
         source.functions |= {**grains.FUNCTIONS, "bounds": neighbours.bounds, "out_of_line": out_of_line}
 
     def forces(self) -> None:
@@ -144,7 +144,7 @@ class GrainsText(SwarmText):
 
     def _springs(self) -> None:
         """Read where the table of the springs is."""
-        for name in ("friction", "near_radius"):
+        for name in ("friction", "wall_radius"):
             if name in self._law.columns:
                 self._line(f"{name} = {self._law.columns[name].of('')}")
         self._line(f"springs = index({self._springs_at})", "since = t - kept[springs]")
@@ -190,16 +190,17 @@ class GrainsText(SwarmText):
 
     def _sizes(self) -> None:
         """Compute the arms, which together are the distance, the effective radius and the effective mass."""
-        own = self.listing.own.get("reach")
-        self._line(f"reach = {self._field('reach') if own is not None else self._law.value('reach', '')}")
+        own = self.listing.own.get("contact_distance")
+        value = self._law.value("contact_distance", "") if own is None else self._field("contact_distance")
+        self._line(f"contact_distance = {value}")
         if self._has_groups:
-            radii = "(reach - near_radius)", "near_radius"
+            radii = "(contact_distance - wall_radius)", "wall_radius"
         elif own is not None:
             radii = entry("p", own, "point"), entry("p", own, "mate")
         else:
-            radii = "0.5 * reach", "0.5 * reach"
-        self._line(f"arm, arm_of_mate = r * ({radii[0]}) / reach, r * ({radii[1]}) / reach")
-        self._line(f"radius = ({radii[0]}) * ({radii[1]}) / reach")
+            radii = "0.5 * contact_distance", "0.5 * contact_distance"
+        self._line(f"arm, arm_of_mate = r * ({radii[0]}) / contact_distance, r * ({radii[1]}) / contact_distance")
+        self._line(f"radius = ({radii[0]}) * ({radii[1]}) / contact_distance")
         self._line(f"mass = {self._w('i')}")
         with self._only_if(self._if_mass):
             self._line(f"j = {self._mass('mate')}", f"mass += {self._w('j')}")

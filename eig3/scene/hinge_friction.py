@@ -17,12 +17,12 @@ class HingeFriction(Cell):
     Raises
     ------
     ValueError
-        For a limit or damping below 0, or a slip that is not positive.
+        For a limit or damping below 0, or a regularization_speed that is not positive.
     """
 
     limit: ArrayLike
     damping: ArrayLike
-    slip: ArrayLike
+    regularization_speed: ArrayLike
 
     takes = (2,)
     dimensions = (2,)
@@ -32,7 +32,7 @@ class HingeFriction(Cell):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require(self._reals("slip") > 0, "slip must be positive")
+        self.require(self._reals("regularization_speed") > 0, "regularization_speed must be positive")
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from .text import added, of_part
 class LinksText(GroupText):
     """Links between two masses, or between a fixed end and a mass."""
 
-    FORCES = ("tension", "density")
+    FORCES = ("tension", "force_density")
 
     def __init__(self, assembly: Assembly, source: Source, group: Group) -> None:
         super().__init__(assembly, source, group)
@@ -88,7 +88,8 @@ class LinksText(GroupText):
             with one._near_members(*self.FORCES) as (s, i, j):
                 offered = one._length(s, i, j, *self.FORCES, "power")
                 tensions = [law.call("tension", s, offered) for law in one.having("tension")]
-                tensions += [f"{law.call('density', s, offered)} * {offered['r']}" for law in one.having("density")]
+                densities = (law.call("force_density", s, offered) for law in one.having("force_density"))
+                tensions += [f"{density} * {offered['r']}" for density in densities]
                 self._line(f"total -= {added(tensions)} * {offered['rate']}")
 
     def power_of_supports(self) -> None:
@@ -159,7 +160,7 @@ class LinksText(GroupText):
         """
         with self.members(*functions) as (s, i, j):
             self.separation(s, i, j)
-            cutoffs = [law.value(law.effect.cutoff, s) for law in self.laws if law.effect.cutoff]
+            cutoffs = [law.value(law.effect.cutoff_field, s) for law in self.laws if law.effect.cutoff_field]
             near = ""
             if not self._is_signed and len(cutoffs) == len(self.laws):
                 near = " or ".join(f"square < {cutoff} * {cutoff}" for cutoff in cutoffs)

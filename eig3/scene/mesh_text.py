@@ -82,7 +82,7 @@ class MeshText(BlockText):
         self._given(conjugate or "forces", power=power)
         if conjugate:
             self._line(f"{conjugate} = {self._law.call(conjugate, 's', self._offered)}")
-        self._line(f"push = {self._law.call('spread' if conjugate else 'forces', 's', self._offered)}")
+        self._line(f"push = {self._law.call('forces', 's', self._offered)}")
 
     def _given(self, function: str, *, power: bool = False) -> None:
         """Compute what this function of a cell can take."""
@@ -93,9 +93,9 @@ class MeshText(BlockText):
         if needs_rate or power or law.reads("v", function):
             self._points("velocity", "v")
         if variable:
-            self._line(f"{variable} = {law.call('measure', 's', self._offered)}")
+            self._line(f"{variable} = {law.call('value', 's', self._offered)}")
         if needs_rate:
-            self._line(f"rate = {law.call('pace', 's', self._offered)}")
+            self._line(f"rate = {law.call('rate', 's', self._offered)}")
 
     def _points(self, name: str, array: str) -> None:
         """Collect the positions or velocities of the points of a cell."""

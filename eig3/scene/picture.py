@@ -14,8 +14,8 @@ from .cell import Cell
 from .constraint import Constraint
 from .effect import Body, Link, Motion, arguments
 from .mesh import surface
+from .pair_force import PairForce
 from .placed import Placed
-from .swarm import Swarm
 
 _TRAILS = 3  # masses of a scene with trails, at most
 _PLANES = 20  # planes of effects that are drawn, at most
@@ -65,7 +65,7 @@ class Places:
         return np.concatenate([across, x] if self.upright else [x, across], axis=2)
 
 
-def mechanism(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm] = ()) -> Mechanism:
+def mechanism(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairForce] = ()) -> Mechanism:
     """Return the view of a scene.
 
     Parameters
@@ -75,7 +75,7 @@ def mechanism(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm] = 
         Effects whose columns contain the numbers of their states.
     """
     dimension, masses = cloud.positions.shape[1], cloud.material
-    radii = _radii(cloud, placed, swarms)
+    radii = _radii(cloud, placed, pair_forces)
     upright = dimension == 1 and any(law.effect.picture == "weight" for law in placed)
     links: dict[tuple[int, int], str] = {}
     strings: dict[tuple[int, int], int] = {}
@@ -134,7 +134,7 @@ def moves(placed: Sequence[Placed]) -> list[tuple[Any, tuple, np.ndarray, np.nda
     return found
 
 
-def _radii(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm]) -> np.ndarray:
+def _radii(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairForce]) -> np.ndarray:
     """Return the radius of each point, so that two points touch at the reach of their contact; 0 without a contact.
 
     If the contacts leave a choice, as between two balls, it is the one with the least sum of squares: equal radii. The
@@ -142,18 +142,18 @@ def _radii(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm]) -> n
     needs no matrix. Every scene has radii, also without SciPy: so this is not its `lsqr`.
     """
     given = [
-        (*law.points, law.columns["reach"])
+        (*law.points, law.columns["contact_distance"])
         for law in placed
         if isinstance(law.effect, Link) and law.effect.picture == "discs"
     ]
     count = cloud.masses.size
     radii = np.zeros(count)
-    for swarm in swarms:
-        if swarm.effect.picture == "discs" and not swarm.second.size:
-            radii[swarm.first] = swarm.columns["reach"] / 2
+    for pair_force in pair_forces:
+        if pair_force.effect.picture == "discs" and not pair_force.second.size:
+            radii[pair_force.first] = pair_force.columns["contact_distance"] / 2
     if not given:
         return radii
-    of_swarms, radii = radii, np.zeros(count)
+    of_pair_forces, radii = radii, np.zeros(count)
     i, j, reach = (np.concatenate(parts) for parts in zip(*given, strict=True))
     i, j, reach = (values[reach > 0] for values in (i, j, reach))  # a reach of 0 is not one of radii
 
@@ -171,7 +171,7 @@ def _radii(cloud: Cloud, placed: Sequence[Placed], swarms: Sequence[Swarm]) -> n
         radii, residual = radii + step * way, residual - step * change
         before, square = square, residual @ residual
         way = residual + square / before * way
-    return np.where(of_swarms > 0, of_swarms, np.maximum(radii, 0.0))
+    return np.where(of_pair_forces > 0, of_pair_forces, np.maximum(radii, 0.0))
 
 
 def _planes(

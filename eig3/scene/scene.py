@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, check_span, reals
+from ..keywords import with_suggestions
 from ..problem import Problem
 from . import codegen
 from .assembly import assemble, names, note, numbered, sources, units
@@ -22,14 +23,15 @@ from .picture import mechanism
 __all__ = ["Scene"]
 
 
+@with_suggestions()
 class Scene(Description):
     """Points in one to three dimensions and the effects on them.
 
     The vector u of a scene's problem has the Cartesian coordinates of the masses: the first coordinate of every mass,
     in the order in which the masses were added, then the second of every mass, then the third. If a mass has an
     inertia, the angles of all masses follow: one in the plane, and in space three, which are the integrals of the
-    angular velocity about x, y and z. The states of effects, such as whether a string has broken, follow. `Points.of`
-    and `Points.angles_of` give the part of some masses.
+    angular velocity about x, y and z. The states of effects, such as whether a string has broken, follow.
+    `Points.positions` and `Points.angles` give the part of some points.
 
     Parameters
     ----------
@@ -56,7 +58,7 @@ class Scene(Description):
         rotation: Any = None,
         *,
         velocity: ArrayLike = 0.0,
-        spin: ArrayLike = 0.0,
+        angular_velocity: ArrayLike = 0.0,
     ) -> RigidBody:
         """Add a rigid body, in two or three dimensions.
 
@@ -74,8 +76,8 @@ class Scene(Description):
             w), a 3 x 3 matrix or a SciPy ``Rotation``. By default the frames are the same.
         velocity : array_like, shape (dimension,)
             Of the centre of mass, m/s.
-        spin : float or array_like, shape (3,)
-            The angular velocity, rad/s; in space in the frame of the scene.
+        angular_velocity : float or array_like, shape (3,)
+            rad/s; in space in the frame of the scene.
 
         Returns
         -------
@@ -93,10 +95,10 @@ class Scene(Description):
             raise ValueError("a scene with a periodic box has no rigid bodies: their points have no nearest images.")
         squares, principal = principal_moments(inertia, self.dimension)
         axes = (rotation_matrix(rotation, self.dimension) @ principal).T
-        turning = reals(spin, "spin")
+        turning = reals(angular_velocity, "angular_velocity")
         if turning.shape not in ((), (3,)) or ((turning.shape == (3,)) != (self.dimension == 3) and turning.any()):
             wanted = "a number" if self.dimension == 2 else "3 numbers"
-            raise ValueError(f"spin of a body in {self.dimension} dimensions must be {wanted}, in rad/s.")
+            raise ValueError(f"angular_velocity of a body in {self.dimension} dimensions must be {wanted}, in rad/s.")
         across = axes @ np.array([[0.0, 1.0], [-1.0, 0.0]]) if self.dimension == 2 else axes
         rates = turning * across if self.dimension == 2 else np.cross(np.broadcast_to(turning, 3), axes)
         centre = self.mass(mass, position, np.broadcast_to(reals(velocity, "velocity"), (self.dimension,)))
@@ -185,7 +187,7 @@ class Scene(Description):
         name : str
         work : bool
             Follow the work, J, done by effects without a potential and by supports that move. The method integrates it
-            with the motion and to the same order. ``solution.integrals["work"]`` is the work at the saved times, and
+            with the motion and to the same order. ``solution.quadratures["work"]`` is the work at the saved times, and
             ``solution.drift["energy"]`` is the largest change of the mechanical energy less the work, which is constant
             in the exact motion. What an event takes from the energy is part of the work. A scene whose mechanical
             energy is constant follows no work.
@@ -210,15 +212,15 @@ class Scene(Description):
         """
         check_span(t_span)
         cloud = self._cloud()
-        assembly = assemble(cloud, self._placed, self._swarms, work=work)
+        assembly = assemble(cloud, self._placed, self._pair_forces, work=work)
         if assembly.angles and cloud.bodies.vectors:
             raise ValueError("a scene with rigid bodies has no masses with an inertia of their own: make them bodies.")
         code = codegen.compiled(assembly, None if threads is None else check_count(threads, "threads"))
         u0, v0 = assembly.start(cloud.positions), assembly.start(cloud.velocities, cloud.spins)
-        if assembly.held:
-            from .constraint_set import fitting  # it needs SciPy
+        if assembly.constraints:
+            from .constraint_system import fitting  # it needs SciPy
 
-            v0 = fitting(assembly.held, u0, v0, float(t_span[0]))
+            v0 = fitting(assembly.constraints, u0, v0, float(t_span[0]))
         return Problem(
             name=name,
             u0=u0,
@@ -228,9 +230,9 @@ class Scene(Description):
             note=note(assembly),
             names=names(assembly),
             units=units(assembly),
-            integrals=("work",) if assembly.follows_work else (),
+            quadratures=("work",) if assembly.follows_work else (),
             encounters=Encounters.of(assembly),
             masses=assembly.inertias,
-            view=mechanism(cloud, numbered(cloud, self._placed)[0], self._swarms),
+            view=mechanism(cloud, numbered(cloud, self._placed)[0], self._pair_forces),
             **code,
         )

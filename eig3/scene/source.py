@@ -98,7 +98,7 @@ class Symbols:
     def constants(self, *functions: str) -> Iterator[str]:
         """Return assignments of those parameters of these functions that have one value for all members."""
         for name, column in self.columns.items():
-            if column.is_uniform and (name == self.effect.cutoff or self.reads(name, *functions)):
+            if column.is_uniform and (name == self.effect.cutoff_field or self.reads(name, *functions)):
                 yield f"{self.names[name]} = {column.of('')}"
 
     def call(self, function: str, member: str, offered: dict[str, str]) -> str:

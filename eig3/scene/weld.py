@@ -1,4 +1,4 @@
-"""A weld: two points that keep their relative position."""
+"""A weld: two rigid bodies that keep their relative position and orientation."""
 
 from __future__ import annotations
 
@@ -12,14 +12,29 @@ from .constraint import Constraint, Equation
 
 @dataclass(frozen=True, eq=False)
 class Weld(Constraint):
-    """Two points whose difference x1 - x0 stays as at the start, such as two that are one joint.
+    """Two rigid bodies that move as one: ``scene.add(Weld(), body, other)``, or ``body.weld(other)``.
 
-    It has a reaction for each dimension: the components of the force on x1, N.
+    One body alone is welded to the ground. The first body bears the reactions: the components of the force at its
+    centre, N, and the torques, N m: one in the plane, and in space three, about its principal axes.
     """
 
     needs = ()
-    source = "phi = x1 - x0 - (x1 - x0 at the start)"
+    takes = (6, 8)
+    dimensions = (2, 3)
+    picture = ""
+    source = "phi = x1 - x0, and the products e_i . f_j of axes of both bodies, which are at right angles at the start"
+
+    def resolved(self, points: tuple[Any, ...]) -> tuple[Weld, tuple[Any, ...]]:
+        if not (0 < len(points) < 3 and all(hasattr(body, "principal") for body in points)):
+            raise TypeError("Weld joins two rigid bodies, or one with the ground: scene.add(Weld(), body, other).")
+        body, other = (*points, None)[:2]
+        return self, body._points_of_weld(other)
 
     def equations(self, points: list[np.ndarray], values: dict[str, Any]) -> list[Equation]:
-        way, axes = (np.array([-1.0, 1.0]), np.zeros(len(points[0]))), np.eye(len(points[0]))
-        return [Equation(way, (np.zeros(2), axis), 1.0, float(axis @ (points[1] - points[0]))) for axis in axes]
+        """Return the conditions on a point of one body and the centre of the other, and on the axes of both."""
+        d, count = len(points[0]), len(points)
+        zero, unit = np.zeros(d), np.eye(count)
+        way = unit[1] - unit[0], zero
+        conditions = [Equation(way, (np.zeros(count), axis), 1.0, 0.0) for axis in np.eye(d)]
+        pairs = [(2, 1), (0, 2), (1, 0)] if d == 3 else [(1, 0)]
+        return conditions + [Equation((unit[2 + i], zero), (unit[2 + d + j], zero), 1.0, 0.0) for i, j in pairs]

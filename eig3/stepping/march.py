@@ -18,8 +18,6 @@ from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import (
     ENDED_BY,
     EVALUATIONS,
-    EVENT_VALUES,
-    EVENTS,
     FULL,
     GOING,
     LOGGED,
@@ -34,11 +32,10 @@ from ..kernels.protocol import (
 )
 from ..methods import Method
 from ..result.memory import aligned
-from .observer import Observer
+from .observer import Observer, not_a_number
 from .slices import Slices
 from .system import Kernel, System
 from .team import team
-from .watching import not_a_number
 
 ENDED_BY_EVENT = (TERMINAL, RESTING)  # the first and the last of the outcomes of an event that ends a run
 
@@ -103,24 +100,24 @@ class March:
     running: Method
     state: np.ndarray
     h: float
+    index, seconds, ended = 0, 0.0, GOING
+    raised_before: int | None = None
+    changed_at: float | None = None
     _carried: int  # the number of rows of the state that are not scratch
+    _slices: Slices | None = None
 
     def _begin(self, system: System, t0: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None) -> Any:
         """Stand at the start, and return the acceleration there; `params` must come from `guarded`."""
         self.system, self.form, self.start, self.t0, self.params = system, system.form, (u, v), t0, params
         self.n = n = 1 if self.form is SCALAR else u.size
-        self.index, self.seconds, self.ended = 0, 0.0, GOING
-        self.raised_before: int | None = None
-        self.changed_at: float | None = None
         self._lock = threading.Lock()
-        self._slices: Slices | None = None
         if system.history:
             system.history[0].call(t0, u, v, params)
         a, self.first_sizes = evaluation(system.callback, self.form, t0, u, v, params)
         if not math.isfinite(self.first_sizes[2]):
             raise not_finite(system.callback, self.form, t0, u, v, params, a)
         self.first_acceleration = a
-        self.tally = np.zeros(EVENTS + EVENT_VALUES * len(system.event_table))
+        self.tally = np.zeros(system.tally_size)
         self.tally[TIME] = t0
         self._use(system.kernels.get(n) or self._compiled(system.method))
         if system.ignores_velocity and system.callback.reads_velocity:
@@ -263,7 +260,7 @@ class March:
             self.seconds += slices.end(taken, *begun)
             self.index += taken
             if self.look and self.tally[LOGGED]:
-                self.look.watching.collect(self.tally)
+                self.look.collect(self.tally)
             if ended != GOING:
                 if ended == FULL and self._has_room(row, rows):
                     continue
@@ -334,8 +331,8 @@ class March:
             "seconds": self.seconds,
             "state": self.state[: self._carried].copy(),
             "tally": self.tally.copy(),
-            "numbers": look.follower.numbers.copy() if look else None,
-            "n_found": look.watching.n_found if look else 0,
+            "numbers": look.numbers.copy() if look else None,
+            "n_found": look.n_found if look else 0,
             "remembered": self.params.copy() if remembers else None,
         }
 
@@ -347,8 +344,8 @@ class March:
         self.index, self.changed_at, self.ended = kept["index"], changed_at, GOING
         self.state[: self._carried], self.tally[...] = kept["state"], kept["tally"]
         if self.look:
-            self.look.follower.numbers[...] = kept["numbers"]
-            self.look.watching.forget_from(kept["n_found"])
+            self.look.numbers[...] = kept["numbers"]
+            self.look.forget_from(kept["n_found"])
         if kept["remembered"] is not None:
             self.params[...] = kept["remembered"]
 
@@ -370,7 +367,7 @@ class March:
         tally[[LOGGED, ENDED_BY, WITHIN]] = 0  # places in arrays of another process
         checked = {"index": check_index(kept["index"]), "changed_at": changed_at, "state": state, "tally": tally}
         if self.look:
-            checked["numbers"] = self.look.follower.checked(kept["numbers"])
+            checked["numbers"] = self.look.checked(kept["numbers"])
         self.restore({**kept, **checked, "n_found": 0})
         self.seconds = float(kept["seconds"])
 

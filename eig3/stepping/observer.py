@@ -1,20 +1,74 @@
-"""What a run looks at in each step: events, wanted times, and the quantities that it follows."""
+"""What a run looks at in each step: events, times at which the state is wanted, invariants and outputs."""
 
 from __future__ import annotations
 
+import contextlib
+import copy
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..kernels.protocol import PART_END, LookWithin
-from ..kernels.protocol import Look as Arguments
+from ..functions.checks import reals
+from ..functions.events import Occurrences
+from ..functions.extremes import Extremes
+from ..functions.guard import CELLS, are_untouched, beyond, guarded
+from ..kernels.loops.zeros import NEAR
+from ..kernels.protocol import (
+    COLUMN,
+    EVENT_VALUES,
+    EVENTS,
+    HIGH,
+    LOGGED,
+    NEXT,
+    NOT_FINITE,
+    OUT,
+    PART_END,
+    ROWS,
+    SCALAR,
+    T_HIGH,
+    T_LOW,
+    Follow,
+    Look,
+    Watch,
+    Within,
+)
+from .samples import within_steps
 from .system import System
-from .watching import Watching
+
+_LOG_ROWS = 32  # occurrences of each event in the log, at least
+_LOG_VALUES = 2**15  # values in the log of occurrences, after which the kernel returns
+_NO_TIMES = np.empty(0)
+
+
+def check_times(t_eval: ArrayLike | None, t0: float, t1: float) -> np.ndarray | None:
+    """Return the times at which the state is wanted, or None."""
+    if t_eval is None:
+        return None
+    times = reals(t_eval, "t_eval")
+    if times.ndim != 1 or not times.size:
+        raise ValueError(f"t_eval must be a 1-D array of at least one time, not of the shape {times.shape}.")
+    if not (t0 <= times[0] and times[-1] <= t1 and (np.diff(times) > 0).all()):
+        raise ValueError(f"t_eval must increase and lie within t_span, from {t0:g} to {t1:g}.")
+    return times
+
+
+def further_times(times: np.ndarray | None, t_eval: ArrayLike | None, end: float, t_end: float) -> np.ndarray | None:
+    """Return the wanted times of a run that goes on from `end` to `t_end`: those up to now, and those of `t_eval`."""
+    if t_eval is None:
+        return times
+    if times is None:
+        raise ValueError("t_eval belongs to a run with t_eval: this one saves its states by save_every.")
+    further: Any = check_times(t_eval, end, t_end)
+    if further[0] <= max(end, times[-1]):
+        raise ValueError(f"t_eval must begin after the end of the run at t = {end!r}, and after its own last time.")
+    return np.concatenate([times, further])
 
 
 class Observer:
-    """The look of one run.
+    """What one run looks at in each step.
 
     Parameters
     ----------
@@ -28,43 +82,243 @@ class Observer:
 
     Attributes
     ----------
-    watching : Watching
-    follower : Follower
-    arguments : Look or LookWithin of `eig3.kernels.protocol`
-        What the kernel gets.
+    watch : Watch
+    numbers : ndarray
+        All that changes along the run of the invariants and outputs. The other arrays are views of it.
     """
 
     def __init__(self, system: System, times: np.ndarray | None, n: int, work_rows: int) -> None:
-        self.watching = Watching(system, times, n, work_rows)
-        self.follower = system.followed.follower(n)
+        self.system, self.followed, self.times, self._n = system, system.followed, times, n
+        self._is_scalar = system.form is SCALAR
+        count = len(system.event_table)
+        log = np.empty((count and max(_LOG_ROWS * count, _LOG_VALUES // (2 + 4 * n)), 2 + 4 * n))
+        work, nothing = np.empty((work_rows, n)), np.empty((0, n))
+        wanted = _NO_TIMES if times is None else times
+        self.watch = Watch(system.event_table, log, wanted, _NO_TIMES, nothing, nothing, work, np.empty((4, count)))
+        self._found: list[np.ndarray] = []
+        self.n_found = 0  # occurrences so far, without those in the log
+        self._within: Within | None = None
+        self._use_numbers(None)
+
+    def _use_numbers(self, numbers: np.ndarray | None) -> None:
+        self._table = self.followed.table.copy()
+        self.numbers, arrays = self.followed.arrays(self._n, numbers)
+        self._out, self._widest, self.steps, self.parts, self.forward, self.most, self._start, self._before = arrays
 
     @property
-    def arguments(self) -> Any:
-        watch, follow, within = self.watching.watch, self.follower.record(), self.follower.within
-        return Arguments(watch, follow) if within is None else LookWithin(watch, follow, within)
+    def arguments(self) -> Look:
+        """What the kernel gets."""
+        arrays = self._table, self._out, self._widest, self.steps, self.parts, self.forward, self.most
+        follow = Follow(*arrays, self.followed.advance, self.followed.project)
+        return Look(self.watch, follow, self._within)
 
     def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any, params: np.ndarray) -> None:
-        """Look at the start."""
-        tally[PART_END] = 1
-        self.watching.begin(tally, t0, u, v, params)
-        self.follower.begin(t0, u, v, params)
+        """Look at the start: write the signs of g, and that there was no reset before, and evaluate the quantities.
 
-    def follow_within(self, formulas: Any, rtol: float) -> None:
-        """Find the extremes of quantities within steps of variable length too."""
-        self.follower.look_within(formulas, rtol)
+        Raises
+        ------
+        ValueError
+            If `apply` of an event writes beyond the end of u or v, or if a quantity does not write all of its values,
+            or writes beyond them.
+        """
+        tally[PART_END] = 1
+        values = tally[EVENTS:].reshape(-1, EVENT_VALUES)
+        values[:, 0], values[:, 1], values[:, 2:] = 0.0, -np.inf, 0.0
+        for k, (name, (g, apply)) in enumerate(zip(self.system.events, self.system.event_callbacks, strict=True)):
+            values[k, 0] = g.call(t0, u, v, params)
+            if apply and not self._is_scalar:
+                _check_within(apply, name, t0, (u, v), params)
+        if not self.followed.quantities:
+            return
+        self._out.fill(np.nan)
+        for k, quantity in enumerate(self.followed.quantities):
+            quantity.at_start(t0, u, v, params, self._values(k))
+            self._start[self._columns(k)] = self._values(k)
+        self._before[:] = self._start
+        self._widest[T_LOW] = self._widest[T_HIGH] = t0
+        for lowest, highest in (self._widest[: HIGH + 1], self.steps, self.parts[0]):
+            lowest[:] = highest[:] = self._start
+
+    def look_within(self, formulas: Any, rtol: float) -> None:
+        """Find the extremes of quantities within steps of variable length too.
+
+        An invariant that is nearly constant takes few evaluations: smaller relative changes than rtol within a step
+        are not looked at.
+        """
+        followed, n = self.followed, self._n
+        self._within = None if followed.quantities else followed.idle_within.get(n)
+        if self._within is None:
+            floors = np.zeros(len(followed.quantities))
+            floors[: len(followed.invariants)] = rtol
+            self._formulas, self._rtol = formulas, rtol
+            self._within = within_steps(self._before, n, formulas, floors)
+        if not followed.quantities:
+            followed.idle_within[n] = self._within
 
     def save_wanted(self, rows: Mapping[str, np.ndarray], n: int) -> None:
         """Let the kernel write what is saved at the wanted times to these rows: u, v and, if they are there, steps."""
         u, v = rows["u"].reshape(-1, n), rows["v"].reshape(-1, n)
-        self.watching.save_in(rows["steps"] if "steps" in rows else np.empty(len(u)), u, v)
+        h = rows["steps"] if "steps" in rows else np.empty(len(u))
+        self.watch = self.watch._replace(h_rows=h, u_rows=u, v_rows=v)
 
-    def found(self) -> dict[str, Callable[[], Any]]:
-        """Return functions that find what a solution has of the look, by the names of its fields."""
-        follower = self.follower
-        return {"events": self.watching.occurrences, "drift": follower.drift, "extremes": follower.extremes}
+    def save_outputs(self, rows: Mapping[str, np.ndarray]) -> None:
+        """Let the kernel write the values of outputs in saved states to these arrays, of shape (rows, width)."""
+        for name, array in rows.items():
+            self._table[self.followed.outputs[name], ROWS] = array.__array_interface__["data"][0]
+
+    def want(self, times: np.ndarray | None) -> None:
+        """Set the times at which the state is wanted, for a run that goes on."""
+        self.times = times
+        self.watch = self.watch._replace(times=_NO_TIMES if times is None else times)
 
     def fork(self) -> Observer:
         """Return an independent copy, which saves nothing."""
-        other = object.__new__(Observer)
-        other.watching, other.follower = self.watching.fork(), self.follower.fork()
+        other, watch = copy.copy(self), self.watch
+        own = {name: getattr(watch, name).copy() for name in ("log", "work", "search")}
+        none = {"times": _NO_TIMES, "h_rows": _NO_TIMES, "u_rows": watch.u_rows[:0], "v_rows": watch.v_rows[:0]}
+        other.watch, other._found = watch._replace(**own, **none), list(self._found)
+        other.times = None
+        if self.followed.quantities:
+            other._use_numbers(self.numbers.copy())
+            if self._within is not None:
+                other.look_within(self._formulas, self._rtol)
         return other
+
+    def checked(self, numbers: Any) -> np.ndarray:
+        """Return numbers that come from a file, if they can be those of this observer."""
+        numbers = reals(numbers, "the numbers of quantities")
+        if numbers.shape != self.numbers.shape:
+            raise ValueError("the numbers of the invariants and outputs have another shape.")
+        return numbers
+
+    def check(self) -> None:
+        """Raise a ValueError if a quantity has written beyond its values."""
+        for k in self.followed.writing:
+            quantity, begin = self.followed.quantities[k], int(self.followed.table[k, OUT])
+            end = begin + quantity.width
+            if not (are_untouched(self._out[begin - CELLS : begin]) and are_untouched(self._out[end : end + CELLS])):
+                raise quantity.written_beyond()
+
+    def collect(self, tally: np.ndarray) -> None:
+        """Take the occurrences out of the log."""
+        logged = int(tally[LOGGED])
+        if logged:
+            self._found.append(self.watch.log[:logged].copy())
+            self.n_found += logged
+            tally[LOGGED] = 0
+
+    def forget_from(self, n_found: int) -> None:
+        """Forget the occurrences since there were `n_found` of them."""
+        if n_found < self.n_found:
+            self._found, self.n_found = [np.concatenate(self._found)[:n_found]], n_found
+
+    def finish(self, tally: np.ndarray, t0: float, t: float, h: float, u: Any, v: Any) -> None:
+        """Write the state at t, the end of the run, at the wanted times that differ from t by round-off only.
+
+        It is the state before the resets at t, if there are any.
+        """
+        if self.times is None:
+            return
+        near = NEAR * math.ulp(max(abs(t0), abs(t)))
+        first, last = self.times.searchsorted([t, t + near])
+        some = slice(min(first, int(tally[NEXT])), last)
+        for block in (found for found in self._found[-1:] if len(found)):
+            row = block[min(int(np.searchsorted(block[:, 1], t - near)), len(block) - 1)]  # they are in order of time
+            if row[1] >= t - near:
+                u, v = row[2 : 2 + self._n], row[2 + self._n : 2 + 2 * self._n]
+        self.watch.u_rows[some], self.watch.v_rows[some], self.watch.h_rows[some] = u, v, h
+        tally[NEXT] = max(last, int(tally[NEXT]))
+
+    def recall(self, events: Mapping[str, Occurrences], counts: Mapping[str, int] | None = None) -> None:
+        """Take the first occurrences of each event, or all, as those that were found so far.
+
+        Their states may have fewer degrees of freedom, because quadratures are not among them: those are NaN.
+        """
+        rows = []
+        for k, name in enumerate(self.system.events):
+            found = events[name]
+            mine = np.full((len(found), 2 + 4 * self._n), np.nan)
+            mine[:, 0], mine[:, 1] = k, found.t
+            for i, state in enumerate((found.u, found.v, found.u_after, found.v_after)):
+                begin, columns = 2 + i * self._n, state if state.ndim == 2 else state[:, None]
+                mine[:, begin : begin + columns.shape[1]] = columns
+            rows.append(mine if counts is None else mine[: counts[name]])
+        found_rows = np.concatenate([self.watch.log[:0], *rows])
+        self._found, self.n_found = [found_rows[np.argsort(found_rows[:, 1], kind="stable")]], len(found_rows)
+
+    def found(self) -> dict[str, Callable[[], Any]]:
+        """Return functions that find what a solution has of the look, by the names of its fields."""
+        return {"events": self.occurrences, "drift": self.drift, "extremes": self.extremes}
+
+    def occurrences(self) -> dict[str, Occurrences]:
+        """Return the occurrences of each event so far."""
+        n = self._n
+        rows = np.concatenate([self.watch.log[:0], *self._found])
+        result = {}
+        for k, name in enumerate(self.system.events):
+            mine = rows[rows[:, 0] == k]
+            states = [mine[:, 2 + i * n : 2 + (i + 1) * n] for i in range(4)]
+            states = [np.ascontiguousarray(x[:, 0] if self._is_scalar else x) for x in states]
+            result[name] = Occurrences(mine[:, 1].copy(), *states)
+        return result
+
+    def extremes(self) -> dict[str, Extremes]:
+        """The extremes of each invariant and output so far."""
+        result = {}
+        for name, k in (*self.followed.invariants.items(), *self.followed.outputs.items()):
+            rows = self._widest[:, self._columns(k)]
+            has_shape = bool(self.followed.quantities[k].shape)
+            result[name] = Extremes(*(row.copy() if has_shape else float(row[0]) for row in rows))
+        return result
+
+    def drift(self) -> dict[str, float]:
+        """The maximum of |e_n - e_0| of each invariant over the ends of steps and the events; NaN if e became NaN."""
+        return {name: self.drift_of(k) for name, k in self.followed.invariants.items()}
+
+    def drift_of(self, k: int) -> float:
+        """The drift of one invariant."""
+        (low, high), start = self.steps[:, self.column(k)], self.start_of(k)
+        return float(np.maximum(start - low, high - start))
+
+    def start_of(self, k: int) -> float:
+        """The value of an invariant at the start."""
+        return float(self._start[self.column(k)])
+
+    def present_outputs(self) -> dict[str, Any]:
+        """Return the values of each output in the latest state."""
+        result = {}
+        for name, k in self.followed.outputs.items():
+            result[name] = self._values(k) if self.followed.quantities[k].shape else self._values(k)[0]
+        return result
+
+    def column(self, k: int) -> int:
+        """The column of a quantity, or its first one, in the arrays with one for each value."""
+        return int(self.followed.table[k, COLUMN])
+
+    def _columns(self, k: int) -> slice:
+        return slice(self.column(k), self.column(k) + self.followed.quantities[k].width)
+
+    def _values(self, k: int) -> np.ndarray:
+        """The values of a quantity in the latest state, shape (width,)."""
+        begin = int(self.followed.table[k, OUT])
+        return self._out[begin : begin + self.followed.quantities[k].width]
+
+
+def _check_within(apply: Any, name: str, t0: float, start: tuple, params: np.ndarray) -> None:
+    """Raise a ValueError if apply, called with copies of the state at the start, writes beyond the end of u or v."""
+    u, v = (guarded(x) for x in start)
+    with contextlib.suppress(Exception):  # apply may refuse a state in which the event does not occur
+        apply.call(t0, u, v, params)
+    if beyond(u) or beyond(v):
+        raise ValueError(f"apply of events[{name!r}] writes beyond the end of u or v, which have {u.size} entries.")
+
+
+def not_a_number(stepper: Any, t: float) -> ValueError:
+    """Return the error for an event whose g is NaN, or whose apply gives a state that is not finite."""
+    if stepper.ended == NOT_FINITE:
+        return ValueError(
+            f"apply of events[{stepper.ended_by!r}] gives infinity or NaN at t = {t:g}; it must give a finite state."
+        )
+    return ValueError(
+        f"g of events[{stepper.ended_by!r}] is NaN in the step after t = {t:g}; it must be a number in every state."
+    )

@@ -42,8 +42,8 @@ class RunOptions(NamedTuple):
     inline : bool
     labels : Labels or None
         Names and units of the degrees of freedom.
-    integrals : tuple of str
-        The names of the last degrees of freedom, whose velocities are integrals over time and no motion.
+    quadratures : tuple of str
+        The names of the last degrees of freedom, whose velocities are quadratures over time and no motion.
     layout : Layout or None
         The names of the parameters of each call, to which the functions are bound; None for an array.
     """
@@ -57,7 +57,7 @@ class RunOptions(NamedTuple):
     functions: Functions = _NO_FUNCTIONS
     inline: bool = False
     labels: Labels | None = None
-    integrals: tuple[str, ...] = ()
+    quadratures: tuple[str, ...] = ()
     layout: Layout | None = None
 
     @property
@@ -98,7 +98,7 @@ def run_options(
     max_steps: int | None = None,
     inline: bool = False,
     labels: Labels | None = None,
-    integrals: tuple[str, ...] = (),
+    quadratures: tuple[str, ...] = (),
 ) -> RunOptions:
     """Check options as `eig3.integrate` has them. Functions that read parameters by names are bound to the layout.
 
@@ -124,7 +124,7 @@ def run_options(
         method = None if method is None else check_variable(method)
     save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
     events, functions, inline = check_events(events), check_functions(invariants, outputs), check_flag(inline, "inline")
-    return RunOptions(h, tolerances, method, save_every, t_eval, events, functions, inline, labels, integrals, layout)
+    return RunOptions(h, tolerances, method, save_every, t_eval, events, functions, inline, labels, quadratures, layout)
 
 
 def _refuse(given: dict[str, Any]) -> None:

@@ -255,8 +255,7 @@ class Stepper(March):
         return tuple(notes)
 
     def steps(self, count: int, every: int, row: int, rows: Rows) -> Steps:
-        u_rows, v_rows = rows.u.reshape(-1, self.n), rows.v.reshape(-1, self.n)
-        return Steps(self.h, self.t0, self.params, self.index, count, every, row, u_rows, v_rows)
+        return Steps(self.h, self.t0, self.params, self.index, count, every, row, rows[2], rows[3])
 
     def _goes_on_after(self, ended: int) -> bool:
         """Change to the method's fallback from here on; return whether there is one.
@@ -280,7 +279,7 @@ class Stepper(March):
             raise ValueError("u_rows and v_rows must be writeable, C-contiguous arrays of float64.")
         if rows.shape[1:] != shape or len(rows) < count:
             raise ValueError(f"u_rows and v_rows must have at least the shape {(count, *shape)}, not {rows.shape}.")
-        return rows
+        return rows.reshape(-1, self.n)
 
 
 _NONE = np.empty(0)

@@ -13,9 +13,9 @@ from ..functions.events import Event
 from ..functions.layout import bound_layout
 from ..kernels.compile.jit import compiled
 from ..kernels.compile.numba_internals import address_of
-from ..kernels.protocol import FOLLOWS, SEARCHES, Form
+from ..kernels.protocol import EVENT_VALUES, EVENTS, FOLLOWS, SEARCHES, Form
 from ..methods import Method
-from .follower import Followed
+from .followed import Followed
 from .options import RunOptions
 from .team import Shares
 
@@ -57,7 +57,7 @@ class System:
     rhs : jitted function
     form : Form
     options : RunOptions
-        Of these, a system has the method, the events, functions, labels and integrals, and whether there are wanted
+        Of these, a system has the method, the events, functions, labels and quadratures, and whether there are wanted
         times and whether the loop is compiled with rhs inside.
 
     Attributes
@@ -80,6 +80,8 @@ class System:
         The quantities, compiled.
     looks : int
         What kernels look for: 0, or one of `FOLLOWS` and `SEARCHES` of `eig3.kernels.protocol`.
+    tally_size : int
+        Number of entries of the tally of a run.
     pace : dict
         Measured seconds per step, by `Kernel.pace_key`. Those of a system that looks are its own: quantities take time.
     ignores_velocity : bool
@@ -98,7 +100,7 @@ class System:
 
     def __init__(self, rhs: Any, form: Form, options: RunOptions) -> None:
         self.rhs, self.form, self.layout, self.method = rhs, form, bound_layout(rhs), options.method
-        self.labels, self.integrals = options.labels, options.integrals
+        self.labels, self.quadratures = options.labels, options.quadratures
         self.events, self.functions = options.events, options.functions
         history, constraints = history_of(rhs), constraints_of(rhs)
         self.inline = options.inline and history is None and constraints is None
@@ -125,6 +127,7 @@ class System:
         self.looks = SEARCHES if searches else FOLLOWS if self.followed.is_needed else 0
         self.pace = {} if self.looks else self.callback.pace
         self.ignores_velocity = self.method.ignores_velocity
+        self.tally_size = EVENTS + EVENT_VALUES * len(table)
         self.kernels: dict[Any, Kernel] = {}
         self.last_sizes: dict[float | None, tuple[int, int]] = {}
 
@@ -153,7 +156,7 @@ def remembered(rhs: Any, form: Form, options: RunOptions) -> System:
     whose captured values have changed, makes another system.
     """
     functions = (tuple(part.items()) for part in (options.events, *options.functions))
-    others = options.method, options.inline, options.labels, options.integrals
+    others = options.method, options.inline, options.labels, options.quadratures
     key = form.name, options.h is None, options.t_eval is None, *functions, *others
     try:
         systems = vars(rhs).setdefault("_eig3_systems", {})

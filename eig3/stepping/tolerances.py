@@ -42,13 +42,13 @@ class Tolerances(NamedTuple):
     h_max: float
     max_steps: int
 
-    def of(self, n: int, n_integrals: int = 0) -> Tolerances:
-        """Return the tolerances of a run with n degrees of freedom, and with integrals over time after them.
+    def of(self, n: int, n_quadratures: int = 0) -> Tolerances:
+        """Return the tolerances of a run with n degrees of freedom, and with quadratures over time after them.
 
         Integrals do not act on the motion: they do not decide about the steps.
         """
-        plain = self.is_relative and not n_integrals
-        return self._replace(atol=np.zeros((2, n)) if plain else _absolute(self.atol, n, n_integrals))
+        plain = self.is_relative and not n_quadratures
+        return self._replace(atol=np.zeros((2, n)) if plain else _absolute(self.atol, n, n_quadratures))
 
 
 def check_tolerances(
@@ -72,8 +72,8 @@ def check_tolerances(
     )
 
 
-def _absolute(atol: np.ndarray, n: int, n_integrals: int) -> np.ndarray:
-    """Return the absolute tolerances of u and v, an array of shape (2, n + n_integrals)."""
+def _absolute(atol: np.ndarray, n: int, n_quadratures: int) -> np.ndarray:
+    """Return the absolute tolerances of u and v, an array of shape (2, n + n_quadratures)."""
     if not (np.isfinite(atol).all() and (atol >= 0).all()):
         raise ValueError(f"atol must be finite and not negative, not {shown(atol)}.")
     try:
@@ -84,7 +84,7 @@ def _absolute(atol: np.ndarray, n: int, n_integrals: int) -> np.ndarray:
             f"atol must be a number, {each}or an array of shape (2, {n}) with a row for u and a row for v, not of the "
             f"shape {atol.shape}."
         ) from None
-    return np.ascontiguousarray(np.concatenate([rows, np.full((2, n_integrals), np.inf)], axis=1))
+    return np.ascontiguousarray(np.concatenate([rows, np.full((2, n_quadratures), np.inf)], axis=1))
 
 
 def usual_method(rtol: float, reads_velocity: bool) -> Method:

@@ -34,7 +34,7 @@ from .system import Kernel, System
 from .tolerances import Tolerances
 
 _STANDING = 1e-12  # a motion of this part of the largest one is round-off
-_NO_SETTINGS = np.empty(0)
+_NONE = np.empty(0)
 
 
 class VariableStepper(March):
@@ -52,14 +52,17 @@ class VariableStepper(March):
     times : ndarray or None
         The times at which the state is wanted.
 
+
     Attributes
     ----------
-    may_shorten : bool
-        Whether the last step may be shortened, so that it ends at the end of the span.
+    rows_before_end : int or None
+        The number of rows that were written before the last step; None before `shorten`.
     """
 
     n_iterations = 0
     notes: tuple[str, ...] = ()
+    rows_before_end: int | None = None
+    _before_end: dict[str, Any] | None = None  # what `kept` returned before the last step
 
     def __init__(
         self,
@@ -77,8 +80,7 @@ class VariableStepper(March):
         self.state[U], self.state[V], self.state[A] = u, v, a
         self.tally[ERROR], self.tally[STEP] = 1.0, min(tolerances.h_first, tolerances.h_max)
         if self.look:
-            self.look.follow_within(self.kernel.formulas, tolerances.rtol)
-        self.may_shorten = False
+            self.look.look_within(self.kernel.formulas, tolerances.rtol)
 
     def _work_rows(self) -> int:
         return self.kernel.formulas.work_rows
@@ -153,7 +155,7 @@ class VariableStepper(March):
             tolerances.rtol,
             tolerances.atol,
             int(tolerances.is_relative),
-            int(self.may_shorten),
+            int(self._before_end is not None),
             int(self.system.callback.reads_time),
             *rows,
         )
@@ -161,10 +163,16 @@ class VariableStepper(March):
     def _has_room(self, row: int, rows: Rows) -> bool:
         return not len(rows.t) or row + 2 <= len(rows.t)
 
-    def extended(self, t_end: float) -> VariableStepper:
-        """Return an independent stepper at the same state, for a run to a later end."""
+    def shorten(self, rows: int) -> None:
+        """Let the next step end at the end of the span, and keep the state before it and the number of rows so far."""
+        self._before_end, self.rows_before_end = self.kept(), rows
+
+    def before_end(self) -> VariableStepper:
+        """Return an independent stepper where a run to a later end goes on: before the last step if that has begun."""
         other = self.fork()
-        other.t_end, other.may_shorten = t_end, False
+        if self._before_end:
+            other.restore(self._before_end)
+        other._before_end = other.rows_before_end = None
         return other
 
     def restarted(self, t_end: float, times: np.ndarray | None) -> VariableStepper:
@@ -185,7 +193,7 @@ def _kernel(system: System, module: str, n: int) -> Kernel:
     else:
         call = variable.kernel(module, form, 0 if system.leap else n, looks=looks)
         callbacks = system.callback.address, None
-    return Kernel(system.method, formulas, formulas.rows, call, callbacks, _NO_SETTINGS, (module, n, system.inline))
+    return Kernel(system.method, formulas, formulas.rows, call, callbacks, _NONE, (module, n, system.inline))
 
 
 def _inline(module: str, form: Any, n: int, looks: int, rhs: Any, jacobian: None, quantities: tuple) -> Any:

@@ -12,6 +12,7 @@ import scipy.sparse
 from ..animation.mechanism import Mechanism
 from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
+from ..keywords import with_suggestions
 from ..problem import Problem
 from ..stability import practical_limit
 from .corotational import chords, energy_of_members, turning_members
@@ -29,6 +30,7 @@ _UNITS = {"u": "m", "r": "rad"}
 _LEAST = 1e-12  # part of the largest stiffness; a direction with less has none
 
 
+@with_suggestions()
 class Frame:
     """A truss or a frame of nodes, members, masses and supports, in the plane or in space.
 

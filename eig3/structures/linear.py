@@ -11,17 +11,19 @@ from numpy.typing import ArrayLike
 from ..functions.checks import check_count, check_span, reals, shown
 from ..functions.named import Parameters
 from ..kernels.compile.numba_internals import Jitted
+from ..keywords import with_suggestions
 from ..problem import Problem
 from .damping import Modal, Rayleigh
 from .factors import copies_in, factors
 from .loads import check_ground, check_table
 from .matrices import Mass, check_mass, check_matrix, check_symmetric, edge_of_blocks
 from .modal import exact_motion, unknown
-from .source import INTEGRALS, LOADED, Parts, energy, right_hand_side
+from .source import LOADED, QUADRATURES, Parts, energy, right_hand_side
 
 _FUNCTION = "the force is a function: give it as a table if it depends on the time only"
 
 
+@with_suggestions()
 def linear(
     M: Any,
     C: Any = None,
@@ -66,7 +68,7 @@ def linear(
         Those of the degrees of freedom.
     work : bool
         Let runs follow the work of forces, ground and damping, so that the energy less the work is an invariant, and
-        the energy that the damping has dissipated: ``integrals["work"]`` and ``integrals["dissipated"]``.
+        the energy that the damping has dissipated: ``quadratures["work"]`` and ``quadratures["dissipated"]``.
     threads : int
         The rows are shared between this number of threads, which changes no bit of the results. It pays from some 10^4
         degrees of freedom on. The members of an ensemble have one thread each.
@@ -125,7 +127,7 @@ def linear(
         energy=energy(parts) if work or not has & LOADED else None,
         names=_names(names, n),
         units=units if isinstance(units, str) else tuple(units),
-        integrals=INTEGRALS if work else (),
+        quadratures=QUADRATURES if work else (),
     )
 
 

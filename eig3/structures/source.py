@@ -25,7 +25,7 @@ _KEPT = 64  # functions; one of the user would otherwise stay in memory for ever
 #: The parts that change the energy.
 LOADED = frozenset({"C", "rayleigh", "modal", "ground", "force", "table"})
 #: What a run follows with `work=True`.
-INTEGRALS = "work", "dissipated"
+QUADRATURES = "work", "dissipated"
 _LOADS = frozenset({"force", "table"})  # of single degrees of freedom, which are computed first
 
 _TABLE = """\

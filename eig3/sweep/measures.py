@@ -109,7 +109,7 @@ class Measure:
         """Return the energy. Where the problem follows the work, its drift is that of the energy less the work."""
         if problem.energy is None:
             raise ValueError(f"--measure {self} does not fit: {problem.name} has no energy with these parameters.")
-        if problem.integrals and self.kind != "drift":
+        if problem.quadratures and self.kind != "drift":
             n = np.size(problem.u0)
             return _quantity(f"energy(t, u[:{n}], v[:{n}], p)", problem.energy)
         return problem.energy

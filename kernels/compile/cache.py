@@ -1,32 +1,35 @@
-"""Compiled code on the disk: Numba's cache, made to survive damaged files, full disks and folders that are read-only.
+"""Compiled code on the disk: Numba's cache, made to find functions by their content, and to survive damaged files.
 
-Numba keeps an index of a function's signatures in one file, and the machine code in others. It loads both as they are:
-a damaged file raises an error in every later process, or crashes it. Here each signature has one file, which begins
-with a checksum of its content, and an error of the cache is a warning: the function is then compiled in this process.
+Numba finds a function by its file and its line: not one of a scene, and not one whose helper in another file has
+changed. It keeps an index of a function's signatures in one file, and the machine code in others, and loads both as
+they are: a damaged file raises an error in every later process, or crashes it. Here all functions have one folder, and
+each signature one file, whose name is a digest of all that the machine code depends on. The file begins with a checksum
+of what follows, and an error of the cache is a warning: the function is then compiled in this process.
 
 To load machine code is to run it. So a file is loaded only if nobody could write it, or in its folder, but this user,
-root, and those who can write the source of the function, who could run code here anyway. Windows has no such owners and
+root, and those who can write the source of this library, who could run code here anyway. Windows has no such owners and
 modes: there, keep NUMBA_CACHE_DIR in a folder of your own.
 """
 
 import contextlib
 import functools
-import glob
 import hashlib
+import itertools
 import os
 import pickle
 import shutil
 import stat
 import uuid
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numba
 
-from .captured import digest, helpers_first
-from .numba_internals import VERSIONS, DiskCache, NoFolderError, has_numbas_cache, set_cache
+from .captured import helpers_first
+from .content import content, fingerprint
+from .numba_internals import PATCHES, VERSIONS, DiskCache, NoFolderError, has_numbas_cache, set_cache
 
 try:
     import grp
@@ -40,6 +43,9 @@ else:
 Writer = tuple[str, int | str]
 
 _CHECKSUM_BYTES = 32
+_MOST_BYTES = 2**29  # of compiled code
+_TIDIED = 100  # files of this number are written between two looks at all files
+_saves = itertools.count()
 _NEW_FILE = 0o644  # less what the umask takes: no one else may write the file
 _ROOT: frozenset[Writer] = frozenset({("user", 0), ("group", 0)})
 _warned: set[str] = set()
@@ -50,30 +56,55 @@ class _UntrustedError(Exception):
 
 
 class CheckedCache(DiskCache):
-    """The cache of one function."""
+    """The cache of one function.
 
-    def open_files(self, folder: Path, name: str, source_stamp: Any) -> Any:
-        return _Files(folder, name, source_stamp, _trusted(self.function.__code__.co_filename))
+    Parameters
+    ----------
+    function : jitted function
+    name : str, optional
+        What tells the function from all others. Without it, the content of the function does.
+    variant : str, optional
+        What tells the code from other code of the same function.
+    describe : function, optional
+        As for `DiskCache`.
+    """
 
-    def more_of_key(self) -> Any:
-        """The values of global variables, which are compiled into the function."""
-        return digest(self.function)
+    def __init__(
+        self, function: Any, name: str = "", variant: str = "", describe: Callable[[Any], str] = lambda result: ""
+    ) -> None:
+        super().__init__(folder_of_all, describe)
+        self._function, self._name, self._variant = function, name, variant
+
+    def open_files(self, folder: Path) -> Any:
+        return _Files(folder, fingerprint(), _trusted(__file__))
+
+    def find_key(self) -> str:
+        if self._name:
+            return self._name
+        for each, _ in helpers_first(self._function):
+            if hasattr(each.py_func, "made"):  # code that is loaded needs the symbol of its address
+                each.py_func.made()
+        found = content(self._function)
+        return found and f"{found} {self._variant}"
 
     def failed(self, what: str, error: Exception) -> None:
         _warn(what, self.files.folder, error)
 
 
-class _Files:
-    """The files of one function: one for each signature, version of the source, processor and version of Numba."""
+def folder_of_all() -> None:
+    """Stand for all functions: their compiled code is where Numba would keep that of this one."""
 
-    def __init__(self, folder: Path, name: str, source_stamp: Any, trusted: frozenset[Writer]) -> None:
-        self.folder, self._name = folder, name
-        self._stamp, self._trusted = source_stamp, trusted
+
+class _Files:
+    """The files of a folder: one for each function, signature, processor and version of Numba."""
+
+    def __init__(self, folder: Path, stamp: str, trusted: frozenset[Writer]) -> None:
+        self.folder, self._stamp, self._trusted = folder, stamp, trusted
         # Code that checks indices must not be taken for code that does not.
-        self._versions = *VERSIONS, numba.config.BOUNDSCHECK
+        self._versions = *VERSIONS, numba.config.BOUNDSCHECK, *sorted(PATCHES)
 
     def _path(self, key: Any) -> Path:
-        return self.folder / f"{self._name}.{_digest(self._stamp)}.{_digest(key)}.nbc"
+        return self.folder / f"eig3.{self._stamp}.{_digest(key)}.nbc"
 
     def load(self, key: Any) -> Any:
         key = key, self._versions
@@ -89,7 +120,11 @@ class _Files:
             path.unlink()
             raise ValueError(f"{path.name} was damaged")
         found, result = pickle.loads(data)
-        return result if found == key else None  # two types may have the same text
+        if found != key:  # two types may have the same text
+            return None
+        with contextlib.suppress(OSError):
+            os.utime(path)  # the files that were not used for the longest time go first
+        return result
 
     def save(self, key: Any, data: Any) -> None:
         key = key, self._versions
@@ -104,17 +139,20 @@ class _Files:
             with contextlib.suppress(OSError):
                 temporary.unlink()
             raise
-        for other in self._all():
-            if not other.name.startswith(f"{self._name}.{_digest(self._stamp)}."):  # of the source before an edit
-                other.unlink(missing_ok=True)
+        if next(_saves) % _TIDIED == 0:
+            self._tidy()
 
-    def flush(self) -> None:
-        """Delete all files of the function. `recompile` of the jitted function calls this."""
-        for path in self._all():
-            path.unlink(missing_ok=True)
-
-    def _all(self) -> Iterator[Path]:
-        return self.folder.glob(f"{glob.escape(self._name)}.*.nbc")
+    def _tidy(self) -> None:
+        """Delete the files of another version of the library, and those not used for long if all take much room."""
+        found = []
+        for path in self.folder.glob("eig3.*.nbc"):
+            with contextlib.suppress(OSError):  # another process may delete it first
+                found.append((path.stat().st_mtime, path.stat().st_size, path))
+        room = _MOST_BYTES
+        for _, size, path in sorted(found, reverse=True):
+            room -= size
+            if room < 0 or not path.name.startswith(f"eig3.{self._stamp}."):
+                path.unlink(missing_ok=True)
 
     @contextlib.contextmanager
     def _only_trusted(self) -> Iterator[int | None]:
@@ -181,10 +219,10 @@ def _digest(value: Any) -> str:
     return hashlib.sha256(repr(value).encode()).hexdigest()[:16]
 
 
-def keep_on_disk(function: Any) -> Any:
-    """Give a jitted function, which is not compiled yet, a cache on the disk; return the function."""
+def keep_on_disk(function: Any, name: str = "", **options: Any) -> Any:
+    """Give a jitted function, which is not compiled yet, a `CheckedCache`; return the function."""
     try:
-        set_cache(function, CheckedCache(function.py_func))
+        set_cache(function, CheckedCache(function, name, **options))
     except NoFolderError as error:
         _warn("keep", "any folder", error)
     return function
@@ -197,15 +235,15 @@ def check_cache(function: Any) -> None:
             keep_on_disk(each)
 
 
-def folder_of(function: Any) -> Path:
-    """Return the folder for the compiled code of a function, and of all others in files of the same folder.
+def folder() -> Path:
+    """Return the folder for compiled code.
 
     Raises
     ------
     NoFolderError
         If no folder can be written.
     """
-    return CheckedCache(function).files.folder
+    return CheckedCache(None).files.folder
 
 
 def clear(folder: Path) -> int:
@@ -242,7 +280,7 @@ def _warn(what: str, folder: Any, error: Exception) -> None:
         return
     _warned.add(what)
     reason = str(error) or type(error).__name__
-    remedy = "delete the .nbc files there (`eig3 cache --clear` does this in the folders of eig3)"
+    remedy = "delete the .nbc files there (`eig3 cache --clear` does this in the folder of eig3)"
     if isinstance(error, _UntrustedError):
         remedy = "make the folder and these files your own (chown, chmod go-w)"
     warnings.warn(

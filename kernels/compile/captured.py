@@ -41,11 +41,11 @@ class Captured:
         self.random = ""
         self._compared: list[tuple[Callable[[], Any], Any]] = []
         is_ours = _is_ours(plain)
-        for name, read in _places(plain):
+        for name, read in places(plain):
             value = read()
             if isinstance(value, Jitted):
                 self.functions.append(value)
-            elif _is_plain(value) and not is_ours:
+            elif is_plain(value) and not is_ours:
                 value = self.values[name] = value.copy() if isinstance(value, np.ndarray) else value
             elif _is_random(value):
                 self.random = name
@@ -74,19 +74,11 @@ def helpers_first(function: Any) -> list[tuple[Any, Captured]]:
     return list(found.items())
 
 
-def digest(function: Any) -> str:
-    """Return a text that differs where a function, or a jitted one that it may call, captures other values."""
-    if _is_ours(function):
-        return ""
-    values = [f"{name}={_text(x)}" for _, captured in helpers_first(function) for name, x in captured.values.items()]
-    return hashlib.sha256("\n".join(values).encode()).hexdigest()[:16] if values else ""
-
-
 def _is_ours(function: Any) -> bool:
     return (function.__module__ or "").startswith(_PACKAGE)
 
 
-def _places(function: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
+def places(function: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
     """Yield the names in a function that are not its own, and a function that reads the value."""
     names = dict.fromkeys(_names(function.__code__))
     namespace = function.__globals__
@@ -115,8 +107,8 @@ def _content(cell: CellType) -> Any:
         return None
 
 
-def _is_plain(value: Any) -> bool:
-    return isinstance(value, (*_PLAIN, np.ndarray)) or (isinstance(value, tuple) and all(map(_is_plain, value)))
+def is_plain(value: Any) -> bool:
+    return isinstance(value, (*_PLAIN, np.ndarray)) or (isinstance(value, tuple) and all(map(is_plain, value)))
 
 
 def _is_random(value: Any) -> bool:
@@ -133,7 +125,7 @@ def _is_same(now: Any, then: Any) -> bool:
         return has_type and _is_same_in_memory(now, then)
     if now is then:
         return True
-    if type(now) is not type(then) or not _is_plain(then):
+    if type(now) is not type(then) or not is_plain(then):
         return False
     if isinstance(then, tuple):
         return len(now) == len(then) and all(map(_is_same, now, then))
@@ -147,7 +139,10 @@ def _is_same_in_memory(now: np.ndarray, then: np.ndarray) -> bool:
     return np.array_equal(now.view(np.int64), then.view(np.int64))
 
 
-def _text(value: Any) -> str:
+def captured_text(value: Any) -> str:
+    """Return a text that differs for other values."""
     if isinstance(value, np.ndarray):
         return f"{value.dtype.str}{value.shape}{hashlib.sha256(value.tobytes()).hexdigest()}"
-    return f"({', '.join(map(_text, value))})" if isinstance(value, tuple) else f"{type(value).__name__} {value!r}"
+    if isinstance(value, tuple):
+        return f"({', '.join(map(captured_text, value))})"
+    return f"{type(value).__name__} {value!r}"

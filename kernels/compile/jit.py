@@ -2,22 +2,21 @@
 
 A kernel is compiled in one of two modes. In pointer mode, the kernel gets the address of the right-hand side. One
 compiled kernel, which is stored on disk, then works for every right-hand side. In inline mode, the same Python function
-is compiled for one right-hand side, which LLVM inlines. This gives the fastest loop, but every process compiles it
-again.
+is compiled for one right-hand side, which LLVM inlines. This gives the fastest loop, which is found
+on the disk as long as that function stays the same.
 """
 
 import functools
 import inspect
 import types
-import zlib
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numba
 from numba.extending import intrinsic
 
 from .cache import check_cache, keep_on_disk
+from .content import content, fingerprint
 from .interrupt import DeferredInterrupt
 from .notice import announced
 from .numba_internals import (
@@ -32,6 +31,7 @@ from .numba_internals import (
     compile_results,
     define_symbol,
     linked_jit,
+    return_type,
 )
 from .source import define
 
@@ -52,7 +52,7 @@ KERNEL_OPTIONS: dict[str, Any] = {**WITHOUT_RUNTIME, **OPTIONS}
 
 def element(function: Callable) -> Any:
     """Decorate a function that is inlined into a kernel or into a scene."""
-    return linked_jit(function, forceinline=True, **KERNEL_OPTIONS)
+    return linked_jit(function, keep_on_disk, forceinline=True, **KERNEL_OPTIONS)
 
 
 def outlined(function: Callable) -> Any:
@@ -60,7 +60,7 @@ def outlined(function: Callable) -> Any:
 
     That it is not inlined must be said: otherwise Numba takes the option of the function that calls it first.
     """
-    return linked_jit(function, forceinline=False, **KERNEL_OPTIONS)
+    return linked_jit(function, keep_on_disk, forceinline=False, **KERNEL_OPTIONS)
 
 
 def called(function: Any) -> Any:
@@ -83,6 +83,12 @@ def compiled(function: Any, arguments: tuple, what: str = "") -> Any:
         return results[arguments]
 
 
+def type_returned(function: Any, arguments: tuple) -> Any:
+    """Return the type that a jitted function returns for types of arguments."""
+    # An element has no code that could be kept: what is compiled of it for calls from Python has.
+    return return_type(compiled(getattr(function, "for_python", function), arguments))
+
+
 def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, label: str = "") -> Any:
     """Compile a template for a signature, and return the compiled function without the checks of its arguments.
 
@@ -94,10 +100,9 @@ def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, la
         Globals that the template uses besides those of its own file.
     signature : Numba signature
     label : str
-        If it is not empty, the kernel is kept on the disk, and loaded from there. The label distinguishes it from other
-        kernels with the same template. All `names` must come from this folder: the name of the kernel on the disk
-        contains a checksum of the files of this folder, so that a kernel is compiled again after a change, but Numba
-        cannot detect a change of other files.
+        What tells the kernel from others with the same template, for which it is found on the disk. All `names` must
+        then come from this folder, of which a checksum is in the name of the file. Without a label, the kernel is found
+        by its content.
     """
     return call_without_checks(_compiled(template, names, signature, label, WITHOUT_C_WRAPPER))
 
@@ -106,10 +111,11 @@ def _compiled(
     template: Callable, names: dict[str, Any], signature: Any, label: str, wrappers: dict[str, bool] = WITHOUT_WRAPPERS
 ) -> Any:
     function = bound(template, names)
-    function.__qualname__ = f"{template.__name__}_{label}_{_fingerprint()}"
+    function.__qualname__ = f"{template.__name__}_{label}_{fingerprint()}"
     kernel = numba.njit(**KERNEL_OPTIONS, **wrappers)(function)
+    name = f"{template.__module__}.{function.__qualname__}"
     what = f"the kernel {label}, which is kept on the disk" if label else "a kernel for this right-hand side"
-    return compiled(keep_on_disk(kernel) if label else kernel, signature.args, what)
+    return compiled(keep_on_disk(kernel, name if label else ""), signature.args, what)
 
 
 def linked(template: Callable, names: dict[str, Any], signature: Any, label: str) -> Any:
@@ -117,26 +123,28 @@ def linked(template: Callable, names: dict[str, Any], signature: Any, label: str
 
     The code of the kernels contains only a symbol, which stands for its address: they compile in a part of the time.
     """
-    made = _made(lambda: _compiled(template, names, signature, label), f"{template.__name__}_{label}")
+    name = f"{template.__name__}_{label}"
+    made = _made(lambda: _compiled(template, names, signature, label), name)
     made()  # a kernel that is loaded from the disk needs the symbol too
-    address, at = _address_of(made), function_at(signature)
+    address, at = _address_of(made, name), function_at(signature)
     return element(lambda *arguments: at(address())(*arguments))
 
 
 def of_library(signature: Any) -> Callable:
     """Decorate a function of a module that scenes call, for the types of a signature.
 
-    It is compiled when the first scene needs it, and kept on the disk. The scenes, which are not kept there, contain
-    only a symbol: they compile in a part of the time, and the function rounds in one way for all.
+    It is compiled when the first scene needs it. The scenes contain only a symbol: they compile in a part of the time,
+    and the function rounds in one way for all.
     """
 
     def decorate(function: Callable) -> Any:
         name = function.__name__
         made = _made(lambda: _compiled(function, {}, signature, name), name)
         given = ", ".join(inspect.signature(function).parameters)
-        names = {"AT": function_at(signature), "ADDRESS": _address_of(made)}
+        names = {"AT": function_at(signature), "ADDRESS": _address_of(made, name)}
         caller = define(f"def {name}({given}):\n    return AT(ADDRESS())({given})\n", name, names)[name]
         functools.update_wrapper(caller, function)
+        caller.made = made
         return element(caller)
 
     return decorate
@@ -147,17 +155,34 @@ def _made(make: Callable, name: str) -> Callable:
 
     @functools.cache
     def made() -> tuple[str, Any]:
-        symbol, result = f"{name}_{_fingerprint()}", make()
+        symbol, result = f"{name}_{fingerprint()}", make()
         define_symbol(symbol, address_of(result))
         return symbol, result  # the result keeps the machine code alive
 
     return made
 
 
-def _address_of(made: Callable) -> Any:
+def with_symbol(function: Any, signature: Any) -> Any:
+    """Let `symbol_of` know a jitted function of a scene, for the types of a signature; return the function."""
+
+    def made() -> tuple[str, Any]:
+        result = compiled(function, signature.args)
+        symbol = f"{function.__name__}_{content(function) or address_of(result)}"
+        define_symbol(symbol, address_of(result))
+        return symbol, result
+
+    function.py_func.made = made
+    return function
+
+
+def symbol_of(function: Any) -> str:
+    """Return the symbol of the address of a function that `of_library` or `with_symbol` has returned."""
+    return function.py_func.made()[0]
+
+
+def _address_of(made: Callable, name: str) -> Any:
     """Return a compiled function that returns the address of a function, which is made when it is needed first."""
 
-    @intrinsic
     def address(typingctx):
         symbol, _ = made()
 
@@ -166,7 +191,8 @@ def _address_of(made: Callable) -> Any:
 
         return numba.int64(), codegen
 
-    return address
+    address.content = f"the address of {name}"  # type: ignore[attr-defined]
+    return intrinsic(address)
 
 
 def function_at(signature: Any, call: Any = None) -> Any:
@@ -179,11 +205,11 @@ def function_at(signature: Any, call: Any = None) -> Any:
     """
     kind = CompiledFunction(signature, call)
 
-    @intrinsic
     def function(typingctx, address):
         return kind(numba.int64), lambda context, builder, signature, args: args[0]
 
-    return function
+    function.content = str(kind)  # type: ignore[attr-defined]
+    return intrinsic(function)
 
 
 def bound(template: Callable, names: dict[str, Any]) -> types.FunctionType:
@@ -191,12 +217,3 @@ def bound(template: Callable, names: dict[str, Any]) -> types.FunctionType:
     function = types.FunctionType(template.__code__, {**template.__globals__, **names}, template.__name__)
     function.__module__ = template.__module__
     return function
-
-
-@functools.cache  # a kernel and the symbols in it must have the same, also if a file changes while the process runs
-def _fingerprint() -> str:
-    """Return a checksum of the source files of all kernels."""
-    checksum = 0
-    for path in sorted(Path(__file__).parent.parent.rglob("*.py")):
-        checksum = zlib.crc32(path.read_bytes(), checksum)
-    return f"{checksum:08x}"

@@ -14,6 +14,7 @@ import importlib
 import itertools
 import operator
 import os
+import pickle
 import re
 import sys
 from abc import abstractmethod
@@ -28,6 +29,7 @@ import numba
 from llvmlite import ir
 from numba import cloudpickle
 from numba.core import cgutils, event
+from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
@@ -205,20 +207,24 @@ class _LinkedFunction(_NamedFunction):
     @functools.cached_property
     def for_python(self) -> Jitted:
         left_out = "nopython", *WITHOUT_WRAPPERS
-        return numba.njit(**{k: value for k, value in self.targetoptions.items() if k not in left_out})(self.py_func)
+        options = {k: value for k, value in self.targetoptions.items() if k not in left_out}
+        return self.keep(numba.njit(**options)(self.py_func))
 
     def __call__(self, *args: Any, **options: Any) -> Any:
         return self.for_python(*args, **options)
 
 
-def linked_jit(function: Callable, **options: Any) -> Jitted:
-    """Return a jitted function for compiled functions: it has machine code only in those that call it."""
+def linked_jit(function: Callable, keep: Callable = lambda function: function, **options: Any) -> Jitted:
+    """Return a jitted function for compiled functions: it has machine code only in those that call it.
+
+    What is compiled for calls from Python goes through `keep`.
+    """
     if "linked" not in PATCHES:
         jitted = numba.njit(**options)(function)
         jitted.__class__ = _NamedFunction
         return jitted
     jitted = numba.njit(pipeline_class=_LinkedCompiler, **WITHOUT_WRAPPERS, **options)(function)
-    jitted.__class__ = _LinkedFunction
+    jitted.__class__, jitted.keep = _LinkedFunction, keep
     return jitted
 
 
@@ -470,12 +476,6 @@ def address_of_symbol(context: Any, builder: Any, symbol: str) -> Any:
     return builder.ptrtoint(function, context.get_value_type(numba.types.int64))
 
 
-def address_of_this_process(context: Any, builder: Any, address: int) -> Any:
-    """Return an address as an integer. Code with it is never kept on the disk."""
-    pointer = context.add_dynamic_addr(builder, address, info="function of a scene")
-    return builder.ptrtoint(pointer, context.get_value_type(numba.types.int64))
-
-
 class CompiledFunction(numba.types.Callable):
     """The type of the address of a compiled function, which is called there.
 
@@ -585,58 +585,126 @@ class NoFolderError(RuntimeError):
 class DiskCache(FunctionCache):
     """The cache of one function on the disk. A subclass says in which files, under which key, and what an error means.
 
+    Parameters
+    ----------
+    beside : function
+        The files are in the folder that Numba has for this one.
+    describe : function
+        Its text about a compile result is kept with the code, of which LLVM's text is lost.
+
+    Attributes
+    ----------
+    description : str
+        Of what was compiled or loaded last.
+
     Raises
     ------
     NoFolderError
         If no folder can be written.
     """
 
-    def __init__(self, function: Callable) -> None:
+    def __init__(self, beside: Callable, describe: Callable[[Any], str]) -> None:
         try:
-            super().__init__(function)
+            super().__init__(beside)
         except RuntimeError as error:
             if "no locator available" not in str(error):
                 raise
             raise NoFolderError(str(error)) from error
-        self.function = function
-        name, source_stamp = self._impl.filename_base, self._impl.locator.get_source_stamp()
-        self.files = self._cache_file = self.open_files(Path(self.cache_path), name, source_stamp)
+        self.files, self._cache_file = self.open_files(Path(self.cache_path)), self
+        self._key, self._describe, self.description = "", describe, ""
 
     @abstractmethod
-    def open_files(self, folder: Path, name: str, source_stamp: Any) -> Any:
-        """Return an object with the methods load(key), which returns None for an unknown key, save(key, data), flush().
+    def open_files(self, folder: Path) -> Any:
+        """Return an object with the methods load(key), which may return None, and save(key, data)."""
 
-        `name` tells the function from others in the folder, and `source_stamp` its source file from another version.
+    @abstractmethod
+    def find_key(self) -> str:
+        """Return what compiled code depends on besides the types of its arguments and the processor.
+
+        It is empty if this is unknown: the function is then compiled in each process.
         """
-
-    @abstractmethod
-    def more_of_key(self) -> Any:
-        """Return what compiled code depends on besides the function, the types of its arguments and the processor."""
 
     @abstractmethod
     def failed(self, what: str, error: Exception) -> None:
         """Handle an error of "load" or "keep". The function is then compiled in this process."""
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        return *super()._index_key(sig, codegen), self.more_of_key()
+        return sig, codegen.magic_tuple(), self._key
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
-            return super().load_overload(sig, target_context)
+            self._key = self.find_key()
+            return super().load_overload(sig, target_context) if self._key else None
         except Exception as error:
             self.failed("load", error)
             return None
 
+    def load(self, key: Any) -> Any:
+        data, self.description = self.files.load(key) or (None, "")
+        return data
+
+    def save(self, key: Any, data: Any) -> None:
+        self.files.save(key, (data, self.description))
+
+    def flush(self) -> None:
+        """Do nothing: what was compiled with other values from outside stays right. `recompile` calls this."""
+
     def save_overload(self, sig: Any, data: Any) -> None:
+        self.description = self._describe(data)
+        if not self._key or data.library.has_dynamic_globals:  # code with addresses of this process
+            return
         try:
             super().save_overload(sig, data)
+        except pickle.PicklingError:  # of an argument whose class is in no module, such as that of named parameters
+            return
         except Exception as error:
             self.failed("keep", error)
 
 
+def _number_functions() -> None:
+    """Let the numbers of functions, which are in the symbols of their machine code, begin at a random one.
+
+    Code from the disk has the symbols of the process that compiled it. If both began at 1, two different functions of
+    one name could have the same symbol, and one of them would be called in place of the other.
+    """
+    FunctionIdentity._unique_ids = itertools.count(int.from_bytes(os.urandom(6), "little"))
+
+
+_number_functions()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_number_functions)
+
+
+class _SelfContained(JITCodeLibrary):
+    """The code of a function, in which it calls its own copies of the functions that were linked into it.
+
+    Numba lets all copies of a function in a process be one: the one that was loaded first. Copies are optimised in
+    different places, and may round differently. Then the process that compiles a function, and those that load it from
+    the disk, would not return the same bits.
+    """
+
+    def _finalize_final_module(self) -> None:
+        self._shared_module = self._final_module.clone()  # for functions that link this one
+        for function in self._shared_module.functions:
+            if function.linkage == llvm.Linkage.external and not function.is_declaration:
+                function.linkage = "linkonce_odr"
+        for function in self._final_module.functions:
+            if function.linkage == llvm.Linkage.linkonce_odr:
+                function.linkage = "internal"
+        super()._finalize_final_module()
+
+
+class _SelfContainedCompiler(Compiler):
+    def __init__(self, typing: Any, target: Any, library: Any, *others: Any) -> None:
+        library = _SelfContained(target.codegen(), "kept")
+        library.enable_object_caching()
+        super().__init__(typing, target, library, *others)
+
+
 def set_cache(function: Jitted, cache: DiskCache) -> None:
-    """Give a jitted function a cache."""
+    """Give a jitted function, which is not compiled yet, a cache, and code that rounds alike if it comes from there."""
     function._cache = cache
+    function._compiler.pipeline_class = _SelfContainedCompiler
 
 
 def cache_of(function: Jitted) -> Any:

@@ -179,8 +179,7 @@ def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: int, seco
     their own: the compiler then removes the loops over them, and a pendulum takes up to a quarter less time. One kernel
     serves all other numbers.
 
-    The kernel of a method outside this package is compiled in each process: its formulas may use other files, and a
-    change of these would go unnoticed.
+    The kernel of a method outside this package is found on the disk by its content: its formulas may use other files.
 
     The kernel is called as ``kernel((rhs, second or None), state, settings, tally, steps, look)``, and returns the
     number of steps that it took, the next row to write, and how it ended: GOING after all steps, FAILED if a solve

@@ -16,9 +16,10 @@ from ..kernels import neighbours
 from ..kernels.neighbours import BATCH
 from ..kernels.shared_forces import ACTING, BUILDING, LISTS, SCANNING, STAGES
 from .assembly import Assembly
+from .bonds import bonded_pairs
+from .pair_force import PairForce, listed
 from .placed import Placed
 from .source import Source, entry
-from .swarm import Swarm, listed
 from .text import BlockText
 
 _ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
@@ -26,7 +27,7 @@ _VECTOR = 32  # pairs: a multiple of those whose forces are computed together, a
 _ALL_ABOVE = "above[begin], stops[stop - 1]"  # those of several points
 
 
-class SwarmText(BlockText):
+class PairForceText(BlockText):
     """A link between near points in the source.
 
     Attributes
@@ -34,14 +35,16 @@ class SwarmText(BlockText):
     listing : Listing
     """
 
-    _functions: tuple[str, ...] = ("tension", "density")  # of the forces
+    _functions: tuple[str, ...] = ("tension", "force_density")  # of the forces
 
-    def __init__(self, assembly: Assembly, source: Source, swarm: Swarm, number: int) -> None:
+    def __init__(self, assembly: Assembly, source: Source, pair_force: PairForce, number: int) -> None:
         super().__init__(assembly, source)
-        self._law = source.symbols(Placed(swarm.effect, {n: c for n, c in swarm.columns.items() if len(c) == 1}))
-        pairs = assembly.joined if swarm.leaves_joined else assembly.joined[:0]
+        self._law = source.symbols(
+            Placed(pair_force.effect, {n: c for n, c in pair_force.columns.items() if len(c) == 1})
+        )
+        pairs = bonded_pairs(assembly.bonds, pair_force.exclude_bonded)
         u0 = assembly.cloud.in_order(assembly.cloud.positions).T.ravel()
-        self.listing = listed(swarm, source.size, assembly.cloud, u0, pairs)
+        self.listing = listed(pair_force, source.size, assembly.cloud, u0, pairs)
         source.add(self.listing.values)
         self._number = number  # of the list among all of the scene
         self._first = LISTS + number * STAGES
@@ -263,7 +266,7 @@ class SwarmText(BlockText):
     @property
     def _is_near(self) -> str:
         """The condition that two points are within the cutoff."""
-        name = self._law.effect.cutoff
+        name = self._law.effect.cutoff_field
         cutoff = self._law.value(name, "") if name in self._law.columns else self._field(name)
         return f"square < {cutoff} * {cutoff}"
 
@@ -283,7 +286,7 @@ class SwarmText(BlockText):
 
     @property
     def _if_mass(self) -> str:
-        """The condition that the mate is a mass, if the swarm has fixed points."""
+        """The condition that the mate is a mass, if the pair_force has fixed points."""
         listing = self.listing
         return "" if listing.points == listing.masses else f"mate < {listing.masses}"
 
@@ -296,12 +299,12 @@ class SwarmText(BlockText):
     def _tension(self) -> str:
         law, offered = self._law, self._offered
         terms = [law.call("tension", "", offered)] if "tension" in law.functions else []
-        terms += [f"{law.call('density', '', offered)} * r"] if "density" in law.functions else []
+        terms += [f"{law.call('force_density', '', offered)} * r"] if "force_density" in law.functions else []
         return " + ".join(terms)
 
     @property
     def _reads_rate(self) -> bool:
-        return self._law.reads("rate", "tension", "density")
+        return self._law.reads("rate", "tension", "force_density")
 
     @property
     def _offered(self) -> dict[str, str]:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from ..kernels import neighbours
 from ..kernels.neighbours import Areas
-from .cell import Cell
-from .constraint import Constraint
 from .effect import Link, Motion
-from .grain_contact import Rough
+from .frictional_contact import FrictionalContact
 from .placed import Placed
 
 _SKIN = 0.2  # as a part of the largest cutoff
@@ -25,22 +22,22 @@ _GROWTH = 2.0  # room for so many times the pairs at the start
 
 
 @dataclass(frozen=True, eq=False)
-class Swarm(Placed):
+class PairForce(Placed):
     """A link with a cutoff between all pairs of points of a group, or of two groups.
 
     The parameters have one value, or one for each point of the first group.
 
     Attributes
     ----------
-    leaves_joined : bool
-        Whether pairs are left out that another effect joins.
-    room : int or None
+    exclude_bonded : tuple of str
+        The pairs that are left out, by how many bonds they are apart: see `bonds`.
+    neighbor_capacity : int or None
         Pairs of each point for which there is memory.
     """
 
     effect: Link
-    leaves_joined: bool = False
-    room: int | None = None
+    exclude_bonded: tuple[str, ...] = ()
+    neighbor_capacity: int | None = None
 
     @property
     def first(self) -> np.ndarray:
@@ -60,7 +57,7 @@ class Swarm(Placed):
 
 @dataclass(frozen=True, eq=False)
 class Members:
-    """The points of a swarm in the order of its list: masses, then fixed points.
+    """The points of a pair force in the order of its list: masses, then fixed points.
 
     They are ordered by their index in the scene, or by their places at the start if these would jump too much: points
     that are near each other are then near each other in the memory, and mostly in the part of one thread.
@@ -83,15 +80,15 @@ class Members:
     place: np.ndarray
 
     @classmethod
-    def of(cls, swarm: Swarm, free: np.ndarray, positions: np.ndarray) -> Members:
-        numbers = np.concatenate(swarm.points)
+    def of(cls, pair_force: PairForce, free: np.ndarray, positions: np.ndarray) -> Members:
+        numbers = np.concatenate(pair_force.points)
         is_fixed = free[numbers] < 0
         order = np.lexsort((free[numbers], is_fixed))
         if _jumps(positions[numbers[order]]):
             order = np.lexsort((*_cells(positions[numbers]), is_fixed))
         points = numbers[order]
         index = free[points]
-        return cls(points, index[index >= 0], (order >= swarm.first.size).astype(int), order)
+        return cls(points, index[index >= 0], (order >= pair_force.first.size).astype(int), order)
 
 
 def _spacing(x: np.ndarray) -> float:
@@ -115,49 +112,49 @@ def _cells(x: np.ndarray) -> Iterator[np.ndarray]:
     return (np.floor(x[:, k] / spacing) for k in np.argsort(extents, kind="stable"))
 
 
-def check_swarm(swarm: Swarm, cloud: Any) -> None:
-    """Check that a link can act between the points of a swarm.
+def check_pair_force(pair_force: PairForce, cloud: Any) -> None:
+    """Check that a link can act between the points of a pair force.
 
     Raises
     ------
     TypeError, ValueError
         If it cannot. The error names the effect.
     """
-    effect, numbers, box = swarm.effect, np.concatenate(swarm.points), cloud.box
+    effect, numbers, box = pair_force.effect, np.concatenate(pair_force.points), cloud.box
     is_mass = cloud.masses[numbers] > 0
     title = effect.title
-    if not effect.cutoff:
+    if not effect.cutoff_field:
         raise TypeError(f"{title} has no cutoff, so that it needs two arguments of points: the ends of each link.")
     if "event" in effect.functions():
         raise TypeError(f"{title} has an event, so that it needs two arguments of points: the ends of each link.")
     if np.unique(numbers).size < numbers.size:
-        raise ValueError(f"{title} was given a point twice: the points of near must not be among the others.")
+        raise ValueError(f"{title} was given a point twice: the points of others must not be among the first ones.")
     if not is_mass.any():
         raise ValueError(f"{title} was given fixed points only, so that it cannot move anything.")
     if cloud.shear and not is_mass.all():
         raise ValueError(f"{title} was given fixed points, which do not move with a box that shears: give masses.")
-    for name, column in swarm.columns.items():
+    for name, column in pair_force.columns.items():
         if len(column) > 1 and name not in effect.mixed:
             able = " and ".join(effect.mixed) or "no field"
             raise ValueError(
                 f"{name} of {title} must be a number for the pairs of a group: {able} can have a value for each point."
             )
-    reach = swarm.columns[effect.cutoff]
-    effect.require(reach > 0, f"{effect.cutoff} must be positive")
+    reach = pair_force.columns[effect.cutoff_field]
+    effect.require(reach > 0, f"{effect.cutoff_field} must be positive")
     if (reach.max() > box[box > 0] / 2).any():
         raise ValueError(
-            f"{effect.cutoff} of {title} must be at most half a side of the box, {box[box > 0].min() / 2:g}."
+            f"{effect.cutoff_field} of {title} must be at most half a side of the box, {box[box > 0].min() / 2:g}."
         )
     places = cloud.positions[numbers].copy()
     places[:, box > 0] %= box[box > 0]
     if np.unique(places, axis=0).shape[0] < numbers.size:
         raise ValueError(f"{title} has no direction where two points coincide at the start: put them apart.")
-    if isinstance(effect, Rough) and (cloud.masses[swarm.second] > 0).any():
-        raise ValueError(f"near of {title} must be fixed points; give masses in the same array as the others.")
+    if isinstance(effect, FrictionalContact) and (cloud.masses[pair_force.second] > 0).any():
+        raise ValueError(f"others of {title} must be fixed points; give masses in the same array as the first ones.")
 
 
-def check_rest(swarms: Sequence[Swarm], placed: Sequence[Placed]) -> None:
-    """Refuse swarms with fixed points that a motion moves: a list has their places at the start.
+def check_rest(pair_forces: Sequence[PairForce], placed: Sequence[Placed]) -> None:
+    """Refuse pair forces with fixed points that a motion moves: a list has their places at the start.
 
     Raises
     ------
@@ -165,34 +162,17 @@ def check_rest(swarms: Sequence[Swarm], placed: Sequence[Placed]) -> None:
         The error names the effect.
     """
     moved = [law.points[0] for law in placed if isinstance(law.effect, Motion)]
-    for swarm in swarms:
-        if moved and np.isin(np.concatenate(moved), np.concatenate(swarm.points)).any():
+    for pair_force in pair_forces:
+        if moved and np.isin(np.concatenate(moved), np.concatenate(pair_force.points)).any():
             raise ValueError(
-                f"{swarm.effect.title} acts between near points, of which a motion moves a fixed one: give it two "
+                f"{pair_force.effect.title} acts between near points, of which a motion moves a fixed one: give it two "
                 "arguments of points, the ends of each link."
             )
 
 
-def joined_pairs(placed: Sequence[Placed], carried: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Return the pairs of points that are joined, of shape (pairs, 2), the smaller number first.
-
-    A link, a cell or a constraint joins its points. A rigid body joins its centre and the points that it carries.
-    """
-    found = [np.empty((0, 2), dtype=np.int64)]
-    for law in placed:
-        if isinstance(law.effect, Link | Cell | Constraint):
-            ends = np.column_stack(law.points)
-            found += [ends[:, [i, j]] for i in range(ends.shape[1]) for j in range(i)]
-    bodies: dict[int, list[int]] = {}
-    for point, (parts, _) in carried.items():
-        bodies.setdefault(int(parts[0]), [int(parts[0])]).append(point)
-    found += [np.array(list(combinations(points, 2))) for points in bodies.values()]
-    return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
-
-
 @dataclass(frozen=True, eq=False)
 class Listing:
-    """The list of a swarm in p.
+    """The list of a pair force in p.
 
     Attributes
     ----------
@@ -221,10 +201,10 @@ class Listing:
     values: np.ndarray
 
 
-def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarray) -> Listing:
-    """Return the list of a swarm as it is at the start, for the place of p from which on there is room."""
-    members, dimension = Members.of(swarm, cloud.free, cloud.positions), cloud.positions.shape[1]
-    own, fields = _own_fields(swarm, members, place)
+def listed(pair_force: PairForce, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarray) -> Listing:
+    """Return the list of a pair force as it is at the start, for the place of p from which on there is room."""
+    members, dimension = Members.of(pair_force, cloud.free, cloud.positions), cloud.positions.shape[1]
+    own, fields = _own_fields(pair_force, members, place)
     begin = place + sum(field.size for field in fields)
     apart, count = _apart(members, pairs, cloud.masses.size), members.points.size
 
@@ -233,19 +213,19 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
         areas, end = Areas.of(begin, count, room, _buckets(count), apart[1].size, dimension)
         p = np.zeros(end)
         p[place:begin] = np.concatenate([*fields, np.empty(0)])
-        _write(p, begin, swarm, members, cloud, areas, own, room, skin, apart)
+        _write(p, begin, pair_force, members, cloud, areas, own, room, skin, apart)
         neighbours.LISTS[dimension](neighbours.REFRESH, 0.0, u0, p, begin, 0, 0)
         is_whole = p[begin + neighbours.LISTED] == members.index.size and p[begin + neighbours.PRESENT_SKIN] == skin
         return p, areas, int(_integers(p, areas.stop, members.index.size)[-1]) if is_whole else None
 
-    room = count * (swarm.room or _DENSE[dimension]) + 64
+    room = count * (pair_force.neighbor_capacity or _DENSE[dimension]) + 64
     p, areas, found = attempt(room, 0.0)
-    while found is None and swarm.room is None:
+    while found is None and pair_force.neighbor_capacity is None:
         room *= 2
         p, areas, found = attempt(room, 0.0)
-    skin = _skin(swarm, (room if found is None else found) / count, dimension)
+    skin = _skin(pair_force, (room if found is None else found) / count, dimension)
     p, areas, found = attempt(room, skin)
-    while swarm.room is None and (found is None or _GROWTH * found > room):
+    while pair_force.neighbor_capacity is None and (found is None or _GROWTH * found > room):
         room = 2 * room if found is None else int(_GROWTH * found) + 64
         p, areas, found = attempt(room, skin)
     follows = (np.diff(members.index) == 1).all()
@@ -255,41 +235,41 @@ def listed(swarm: Swarm, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarr
 
 
 def near_pairs(
-    swarm: Swarm, cloud: Any, u0: np.ndarray, pairs: np.ndarray
+    pair_force: PairForce, cloud: Any, u0: np.ndarray, pairs: np.ndarray
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Return the positions of the two points of all pairs that are near each other at u0, and their cutoffs."""
-    listing = listed(replace(swarm, room=None), 0, cloud, u0, pairs)
-    p, areas, cutoff = listing.values, listing.areas, swarm.effect.cutoff
+    listing = listed(replace(pair_force, neighbor_capacity=None), 0, cloud, u0, pairs)
+    p, areas, cutoff = listing.values, listing.areas, pair_force.effect.cutoff_field
     count = int(_integers(p, areas.stop, listing.masses)[-1])
     one, other = (_integers(p, area, count) for area in (areas.owners, areas.mates))
     x = p[areas.x :][: listing.points * cloud.positions.shape[1]].reshape(listing.points, -1)
     if cutoff not in listing.own:
-        return (x[one], x[other]), np.full(count, swarm.columns[cutoff][0])
+        return (x[one], x[other]), np.full(count, pair_force.columns[cutoff][0])
     share = p[listing.own[cutoff] :]
     return (x[one], x[other]), share[one] + share[other]
 
 
-def _skin(swarm: Swarm, found: float, dimension: int) -> float:
+def _skin(pair_force: PairForce, found: float, dimension: int) -> float:
     """Return the skin of a list, from the number of pairs within the cutoff for each point.
 
     Where many points are within the cutoff, the skin is a part of their distances.
     """
-    widest = float(swarm.columns[swarm.effect.cutoff].max())
+    widest = float(pair_force.columns[pair_force.effect.cutoff_field].max())
     return _SKIN * widest * min(1.0, (_DENSE[dimension] / (2 * found + 1)) ** (1 / dimension))
 
 
-def _own_fields(swarm: Swarm, members: Members, place: int) -> tuple[dict[str, int], list[np.ndarray]]:
+def _own_fields(pair_force: PairForce, members: Members, place: int) -> tuple[dict[str, int], list[np.ndarray]]:
     """Return the places and the values of the fields with a value for each point.
 
     In one group, a pair has the mean of the values of its points. Of two groups, only the first one has values.
     """
     own: dict[str, int] = {}
     fields: list[np.ndarray] = []
-    for name, column in swarm.columns.items():
+    for name, column in pair_force.columns.items():
         if len(column) > 1:
             own[name] = place + sum(field.size for field in fields)
-            share = column / 2 if not swarm.second.size else column
-            fields.append(np.concatenate([share, np.zeros(swarm.second.size)])[members.place])
+            share = column / 2 if not pair_force.second.size else column
+            fields.append(np.concatenate([share, np.zeros(pair_force.second.size)])[members.place])
     return own, fields
 
 
@@ -306,7 +286,7 @@ def _apart(members: Members, pairs: np.ndarray, n_points: int) -> tuple[np.ndarr
 def _write(
     p: np.ndarray,
     begin: int,
-    swarm: Swarm,
+    pair_force: PairForce,
     members: Members,
     cloud: Any,
     areas: Areas,
@@ -316,9 +296,9 @@ def _write(
     apart: tuple[np.ndarray, np.ndarray],
 ) -> None:
     """Write what of a list does not change."""
-    count, cutoff, x = members.points.size, swarm.effect.cutoff, cloud.positions
-    widest = float(swarm.columns[cutoff].max())
-    numbers = (count, members.index.size, np.count_nonzero(cloud.masses), skin, swarm.second.size > 0, widest)
+    count, cutoff, x = members.points.size, pair_force.effect.cutoff_field, cloud.positions
+    widest = float(pair_force.columns[cutoff].max())
+    numbers = (count, members.index.size, np.count_nonzero(cloud.masses), skin, pair_force.second.size > 0, widest)
     p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, _buckets(count), neighbours.IS_LIST
     p[begin + neighbours.BOX :][: x.shape[1]] = cloud.box
     p[begin + neighbours.PARTS] = p[begin + neighbours.WANTED] = 1

@@ -18,7 +18,7 @@ def strain(F):
 
 
 @dataclass(frozen=True, eq=False)
-class StVenantKirchhoffTriangle(Triangle):
+class StVenantKirchhoffMembrane(Triangle):
     """A triangle of an isotropic elastic membrane or plate in plane stress, whose stress is linear in Green's strain.
 
     The strain may be large in rotation, but should be small in stretch: a triangle that is pressed to 58 % of its

@@ -1,4 +1,4 @@
-"""Write a few constraints as straight lines of Python source, which run in the lanes of an ensemble.
+"""Write a few constraints unrolled, without loops of Python source, which run in the lanes of an ensemble.
 
 `eig3.kernels.constraints` has the formulas, and `eig3.kernels.constraint_lanes` the loops around the lines. The numbers
 of the constraints are in their table in p, at constant places; nothing is written there. In the source, the arm k has
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 
 _LAST = "r[0]"
 
-#: Rows of constraints (and points of bodies), and degrees of freedom, up to which straight lines are written for them:
+#: Rows of constraints (and points of bodies), and degrees of freedom, up to which unrolled lines are written for them:
 #: with more, to compile these takes longer than most ensembles.
 _FEW, _FEW_DEGREES = 8, 24
 
 
 def is_few(assembly: Assembly) -> bool:
-    """Return whether a scene has constraints, and so few that they are written as straight lines."""
-    held = assembly.held
-    if held is None or held.kinds or assembly.swarms:
+    """Return whether a scene has constraints, and so few that they are written unrolled, without loops."""
+    system = assembly.constraints
+    if system is None or system.kinds or assembly.pair_forces:
         return False
     is_small = assembly.size <= _FEW_DEGREES and assembly.n - assembly.own <= _FEW
-    return len(held.names) <= _FEW and is_small
+    return len(system.names) <= _FEW and is_small
 
 
-class StraightText:
+class UnrolledText:
     """A few constraints in the source."""
 
     def __init__(self, table: ConstraintTable, packed: Packed, place: int) -> None:
@@ -47,7 +47,7 @@ class StraightText:
         self._numbers = {place: f"r[{k + 1}]" for k, place in enumerate(places)}
         self._read: dict[str, str] = {}  # the names of the entries of u and p that were read
 
-    def straight(self, forces: Any) -> Straight:
+    def unrolled(self, forces: Any) -> Straight:
         """Return the lines, for a function of the accelerations that do not know the constraints."""
         return Straight(
             forces=forces,

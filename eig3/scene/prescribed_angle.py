@@ -1,4 +1,4 @@
-"""A drive: an angle between two bodies that is a function of time."""
+"""An angle between two bodies that is a function of time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .constraint import Constraint
 
 
 @dataclass(frozen=True, eq=False)
-class Drive(Constraint):
+class PrescribedAngle(Constraint):
     """The angle from the vector x1 to the vector x0 in the plane is a function of time."""
 
     target: Callable
@@ -24,7 +24,7 @@ class Drive(Constraint):
 
 
 @dataclass(frozen=True, eq=False)
-class DriveInSpace(Drive):
+class PrescribedAngleInSpace(PrescribedAngle):
     """The angle about the unit vector x2 from the vector x1 to the vector x0 is a function of time."""
 
     takes = (3,)

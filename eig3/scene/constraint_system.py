@@ -29,7 +29,7 @@ _MOST_NAMED = 4  # constraints that an error names
 
 
 @dataclass(frozen=True, eq=False)
-class ConstraintSet:
+class ConstraintSystem:
     """The constraints of a scene.
 
     Attributes
@@ -52,20 +52,20 @@ class ConstraintSet:
 
     @property
     def depends_on_time(self) -> bool:
-        return any({"length", "target"} & law.effect.functions().keys() for law, _ in self.kinds)
+        return any({"distance", "target"} & law.effect.functions().keys() for law, _ in self.kinds)
 
 
-def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintSet:
+def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintSystem:
     """Collect the constraints of a scene."""
     _check_still(placed)
-    held = [law for law in placed if isinstance(law.effect, Constraint)]
+    laws = [law for law in placed if isinstance(law.effect, Constraint)]
     arms: list[Arm] = []
     rows: list[Row] = []
     names: list[str] = []
     counts: Counter[str] = Counter()
     kinds: list[tuple[Placed, np.ndarray]] = []
     slopes = 0
-    for law in held:
+    for law in laws:
         effect, first = law.effect, len(rows)
         assert isinstance(effect, Constraint)
         functions = effect.functions()
@@ -97,7 +97,7 @@ def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintS
     rows = [Row(row.arms, slopes=tuple(len(arms) + k for k in row.slopes)) if row.slopes else row for row in rows]
     length = max(np.abs(cloud.positions).max(), *(np.sqrt(abs(row.target)) for row in rows)) or 1.0
     table = ConstraintTable(1 / cloud.masses[cloud.is_own], len(cloud.box), arms, rows, slopes, length, degrees)
-    return ConstraintSet(table, names, counts, [law.effect for law in held], kinds)
+    return ConstraintSystem(table, names, counts, [law.effect for law in laws], kinds)
 
 
 def _check_still(placed: Sequence[Placed]) -> None:
@@ -106,7 +106,7 @@ def _check_still(placed: Sequence[Placed]) -> None:
     for law in (law for law in placed if isinstance(law.effect, Constraint)):
         if moved and np.isin(np.concatenate(law.points), np.concatenate(moved)).any():
             raise ValueError(
-                f"{law.effect.title} takes fixed points that no motion moves: move a mass with an Actuator instead."
+                f"{law.effect.title} takes fixed points that no motion moves: move a mass with a PrescribedDistance."
             )
 
 
@@ -124,12 +124,12 @@ def _arm(cloud: Any, points: Sequence[int], factors: Any, constant: np.ndarray) 
     return Arm(np.array(list(kept), dtype=int), np.array(list(kept.values()), dtype=float), constant)
 
 
-def fitting(held: ConstraintSet, u0: np.ndarray, v0: np.ndarray, t: float) -> np.ndarray:
+def fitting(system: ConstraintSystem, u0: np.ndarray, v0: np.ndarray, t: float) -> np.ndarray:
     """Check the constraints at the start; return the velocities that are nearest to v0 and keep them.
 
     Parameters
     ----------
-    held : ConstraintSet
+    system : ConstraintSystem
     u0, v0 : ndarray, shape (degrees,)
     t : float
         The time at the start, s.
@@ -144,38 +144,39 @@ def fitting(held: ConstraintSet, u0: np.ndarray, v0: np.ndarray, t: float) -> np
     UserWarning
         If v0 does not keep them.
     """
-    table = held.table
+    table = system.table
     size = table.dimension * len(table.weights)
-    values, gradients = _linearised(held, u0[:size].reshape(table.dimension, -1).T)
-    rates = _driven(held, t, values)
+    values, gradients = _linearised(system, u0[:size].reshape(table.dimension, -1).T)
+    rates = _driven(system, t, values)
     wrong = np.flatnonzero(~(np.abs(values) <= _WRONG * table.length))
     if wrong.size:
-        name, value = held.names[wrong[0]], values[wrong[0]]
+        name, value = system.names[wrong[0]], values[wrong[0]]
         raise ValueError(f"{name} does not hold at the start, where its phi is {value:.3g}: move its points.")
     weights = np.tile(table.weights, table.dimension)
     product = csc_array(gradients @ diags_array(weights) @ gradients.T)
-    solve = _factors(held, product)
+    solve = _factors(system, product)
     wanted = solve(gradients @ v0[:size] + rates)
     change = -weights * (gradients.T @ wanted)
     if np.abs(change).max() > _NOTED * np.abs(v0[:size]).max(initial=0.0):
         row = int(np.argmax(np.abs(gradients @ v0[:size] + rates)))
         warnings.warn(
-            f"the velocities at the start do not keep {held.names[row]}: the run starts with the nearest ones that do.",
+            f"the velocities at the start do not keep {system.names[row]}: the run starts with the nearest ones that "
+            "do.",
             stacklevel=4,
         )
     return np.concatenate([v0[:size] + change, v0[size:]])
 
 
-def _driven(held: ConstraintSet, t: float, values: np.ndarray) -> np.ndarray:
+def _driven(system: ConstraintSystem, t: float, values: np.ndarray) -> np.ndarray:
     """Put targets that depend on the time into the values of phi; return their part of its rate."""
     rates = np.zeros(len(values))
-    for law, its_rows in held.kinds:
+    for law, its_rows in system.kinds:
         assert isinstance(law.effect, Constraint)
         functions = law.effect.functions()
         for member, row in enumerate(its_rows):
-            if "length" in functions:
-                length, rate, _ = law.call("length", member, {"t": t})
-                scale, target = held.table.rows[row].scale, held.table.rows[row].target
+            if "distance" in functions:
+                length, rate, _ = law.call("distance", member, {"t": t})
+                scale, target = system.table.rows[row].scale, system.table.rows[row].target
                 values[row] -= scale * (length * length - target)
                 rates[row] = -2 * scale * length * rate
             if "target" in functions:
@@ -187,12 +188,12 @@ def _driven(held: ConstraintSet, t: float, values: np.ndarray) -> np.ndarray:
     return rates
 
 
-def _linearised(held: ConstraintSet, places: np.ndarray) -> tuple[np.ndarray, csr_array]:
+def _linearised(system: ConstraintSystem, places: np.ndarray) -> tuple[np.ndarray, csr_array]:
     """Return phi and its gradients for masses at some places."""
-    table = held.table
+    table = system.table
     arms = np.array([arm.factors @ places[arm.points] + arm.constant for arm in table.arms])
     values, slopes = np.zeros(len(table.rows)), np.zeros((table.own_arms, table.dimension))
-    for law, rows in held.kinds:
+    for law, rows in system.kinds:
         if "phi" in law.effect.functions():
             for member, row in enumerate(rows):
                 values[row], slope = _own(law, member, arms[list(table.rows[row].arms)])
@@ -225,7 +226,7 @@ def _own(law: Placed, member: int, places: np.ndarray) -> tuple[float, np.ndarra
     return float(call("phi", places)), slope
 
 
-def _factors(held: ConstraintSet, product: csc_array) -> Any:
+def _factors(system: ConstraintSystem, product: csc_array) -> Any:
     """Return the function that solves with G W G^T, whose pivots tell which constraints depend on each other."""
     diagonal = product.diagonal()
     try:
@@ -237,7 +238,7 @@ def _factors(held: ConstraintSet, product: csc_array) -> Any:
         pass
     dense = product.toarray() / np.sqrt(np.outer(diagonal, diagonal))
     share = np.abs(np.linalg.eigh(dense)[1][:, 0])
-    named = list(dict.fromkeys(held.names[k] for k in np.argsort(-share, kind="stable") if share[k] > 1e-6))
+    named = list(dict.fromkeys(system.names[k] for k in np.argsort(-share, kind="stable") if share[k] > 1e-6))
     some = ", ".join(named[:_MOST_NAMED]) + " and others" * (len(named) > _MOST_NAMED)
     raise ValueError(
         f"these constraints depend on each other at the start: {some}; leave out those that the others imply already, "

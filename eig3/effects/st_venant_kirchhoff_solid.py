@@ -27,7 +27,7 @@ def strain(F):
 
 
 @dataclass(frozen=True, eq=False)
-class StVenantKirchhoff(Isotropic):
+class StVenantKirchhoffSolid(Isotropic):
     """A tetrahedron of an isotropic elastic solid whose stress is linear in Green's strain.
 
     It is right for large rotations with small strain. A cell that is pressed to 58 % of its length gets softer, and

@@ -13,25 +13,25 @@ from .hertz import damped_push, push, stored
 
 
 @element
-def elastic(r, stiffness, reach):
-    return -push(reach - r, stiffness)
+def elastic(r, stiffness, contact_distance):
+    return -push(contact_distance - r, stiffness)
 
 
 @element
-def damped(r, rate, stiffness, reach, damping):
-    return -damped_push(reach - r, -rate, stiffness, damping)
+def damped(r, rate, stiffness, contact_distance, damping):
+    return -damped_push(contact_distance - r, -rate, stiffness, damping)
 
 
 @element
-def elastic_potential(r, stiffness, reach):
-    return stored(reach - r, stiffness)
+def elastic_potential(r, stiffness, contact_distance):
+    return stored(contact_distance - r, stiffness)
 
 
 @dataclass(frozen=True, eq=False)
-class MassContact(Link):
+class HertzContact(Link):
     """Hertz's contact between two masses, or between a mass and a fixed point.
 
-    At the indentation d = reach - r, which grows at the rate d', the two push each other apart with the force
+    At the indentation d = contact_distance - r, which grows at the rate d', they push each other apart with the force
     stiffness d^(3/2) (1 + damping d'). They never pull each other. Pairs that do not touch cost little, so that a scene
     can have a contact between all pairs of some hundreds of masses.
 
@@ -39,7 +39,7 @@ class MassContact(Link):
     ----------
     stiffness : float or array_like
         N/m^(3/2).
-    reach : float or array_like
+    contact_distance : float or array_like
         The distance at which they touch, the sum of the two radii, m.
     damping : float or array_like
         s/m; 0 makes the contact elastic.
@@ -47,16 +47,16 @@ class MassContact(Link):
     Raises
     ------
     ValueError
-        For stiffness, reach or damping below 0.
+        For stiffness, contact_distance or damping below 0.
     """
 
     stiffness: ArrayLike
-    reach: ArrayLike
+    contact_distance: ArrayLike
     damping: ArrayLike = 0.0
 
-    nonnegative = ("stiffness", "reach", "damping")
-    cutoff = "reach"
-    mixed = ("stiffness", "reach", "damping")
+    nonnegative = ("stiffness", "contact_distance", "damping")
+    cutoff_field = "contact_distance"
+    mixed = ("stiffness", "contact_distance", "damping")
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
     picture = "discs"
 

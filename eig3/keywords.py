@@ -1,0 +1,126 @@
+"""Errors for unknown keywords: they name the argument that is meant, also by the names that other codes have for it."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import inspect
+import re
+from collections.abc import Callable, Collection
+from typing import Any, TypeVar
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_UNKNOWN = re.compile(r"(?:got an unexpected keyword argument|has no argument) '(\w+)'")
+_INTERNAL = {"self", "layout", "labels", "quadratures"}  # what only the library itself gives
+
+#: What other codes call an argument, by its name here.
+_ELSEWHERE = {
+    "E": "young youngs_modulus young_modulus modulus",
+    "D": "D0 De depth epsilon eps",
+    "a": "alpha width",
+    "alpha": "damping kappa dsf",
+    "angle": "theta0 rest_angle",
+    "angular_velocity": "spin omega angvel ang_vel angmom",
+    "contact_distance": "reach diameter radius radii size cutoff",
+    "cubic": "S2 k3 beta",
+    "cutoff": "reach rc r_c rcut r_cut cut r_max",
+    "damping": "c d gamma gamman damp viscosity damping_coefficient",
+    "density": "rho",
+    "epsilon": "eps depth D0 well_depth",
+    "exclude_bonded": "leaves_joined exclusions exclude special_bonds",
+    "field": "g gravity",
+    "first_step": "h0",
+    "friction": "mu xmu coeff_friction coefficient",
+    "h": "dt timestep step step_size dt_max",
+    "h_max": "max_step dt_max",
+    "inertia": "moment moment_of_inertia J",
+    "m": "mass",
+    "mass": "m",
+    "max_steps": "mxstep max_num_steps maxsteps",
+    "method": "solver integrator",
+    "mu": "friction coefficient xmu",
+    "neighbor_capacity": "room capacity max_neighbors one",
+    "normal_force": "load fn",
+    "nu": "poisson poissons_ratio poisson_ratio",
+    "offset": "height",
+    "others": "near other group2 walls",
+    "params": "args p parameters",
+    "position": "pos x0",
+    "prefactor": "strength charge q1q2 k_e",
+    "r0": "length rest_length equilibrium_distance",
+    "regularization_speed": "slip v0 vd v_d",
+    "rest_length": "length l0 L0 r0 natural_length length0 springlength reference_length",
+    "rest_speed": "slow v_min",
+    "restitution": "e cor coeff_restitution coefficient_of_restitution",
+    "rhs": "f fun func",
+    "rotation": "quat orientation",
+    "rtol": "tol reltol tolerance",
+    "atol": "abstol",
+    "saturation": "width",
+    "sigma": "sig size diameter",
+    "stiffness": "k S S1 K kn k_n spring_constant",
+    "t_eval": "tsave saveat t_save",
+    "t_span": "t tspan span",
+    "torque": "moment gear",
+    "u0": "y0 x0 q0 d0",
+    "v0": "v qdot0 xdot0",
+    "wall_radius": "near_radius radius",
+}
+
+
+def refusal(owner: str, keyword: str, known: Collection[str]) -> TypeError:
+    """Return the error for an unknown keyword of `owner`, which names the argument that is meant, or all of them."""
+    meant = [name for name in known if keyword in _ELSEWHERE.get(name, "").split()]
+    meant = meant or difflib.get_close_matches(keyword, known, n=1)
+    remedy = f"did you mean {' or '.join(meant)}?" if meant else f"its arguments are {', '.join(known)}."
+    return TypeError(f"{owner}() has no argument {keyword!r}; {remedy if known else 'it takes none.'}")
+
+
+def refuse_unknown(record: type, given: Collection[str]) -> None:
+    """Refuse keywords that are no fields of a dataclass."""
+    known = [field.name for field in getattr(record, "__dataclass_fields__", {}).values() if field.init]
+    for keyword in given:
+        if keyword not in known:
+            raise refusal(record.__name__, keyword, known)
+
+
+def with_suggestions(*further: Callable) -> Callable[[F], F]:
+    """Return a decorator for functions, or for classes and their public methods, that suggests what a keyword means.
+
+    Parameters
+    ----------
+    *further : function
+        Those that get the options that the function takes as `**options`.
+    """
+
+    def decorated(public: Any) -> Any:
+        if isinstance(public, type):
+            for name, method in list(vars(public).items()):
+                is_own = inspect.isfunction(method) and not hasattr(method, "__wrapped__")
+                if is_own and (name == "__init__" or not name.startswith("_")):
+                    setattr(public, name, decorated(method))
+            return public
+
+        @functools.wraps(public)
+        def call(*args: Any, **keywords: Any) -> Any:
+            try:
+                return public(*args, **keywords)
+            except TypeError as error:
+                found = _UNKNOWN.search(str(error)) if keywords else None
+                if not found or found[1] not in keywords:
+                    raise
+            *kind, name = public.__qualname__.split(".")
+            owner = [type(args[0]).__name__] if kind else []
+            raise refusal(".".join([*owner, name]).removesuffix(".__init__"), found[1], _names(public, *further))
+
+        return call
+
+    return decorated
+
+
+def _names(*functions: Callable) -> list[str]:
+    """Return the names of the arguments of functions that users may give by keyword."""
+    parameters = [x for f in functions for x in inspect.signature(f).parameters.values()]
+    named = (x.name for x in parameters if x.kind in (x.POSITIONAL_OR_KEYWORD, x.KEYWORD_ONLY))
+    return [name for name in dict.fromkeys(named) if name not in _INTERNAL]

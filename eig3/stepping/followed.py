@@ -1,0 +1,94 @@
+"""The invariants and outputs that the runs of a system follow, and their places in arrays."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..functions.guard import CELLS
+from ..functions.quantities import Functions, Quantity
+from ..kernels.protocol import PARTS, Form, Within
+
+
+class Followed:
+    """The quantities that runs of a system follow, and where each has its place in the arrays of an `Observer`.
+
+    Attributes
+    ----------
+    quantities : list of Quantity
+        The invariants, then the outputs.
+    invariants, outputs : dict of str to int
+        The number of each quantity, by its name.
+    work : list of int
+        For each quantity, the degree of freedom whose velocity is the work that it takes away, or -1.
+    writing : list of int
+        The numbers of the quantities that write their values.
+    columns : int
+        The number of values of all quantities.
+    advance : int
+        The address of the function that advances the history of a right-hand side, or 0.
+    project : int
+        The address of the function that moves a state to the nearest one which keeps the constraints, or 0.
+    """
+
+    def __init__(self, functions: Functions, form: Form, advance: int = 0, project: int = 0) -> None:
+        invariants, outputs = functions.quantities(form)
+        self.advance, self.project = advance, project
+        self.functions = functions
+        self.quantities: list[Quantity] = [*invariants.values(), *outputs.values()]
+        self.invariants = {name: k for k, name in enumerate(invariants)}
+        self.outputs = {name: len(invariants) + k for k, name in enumerate(outputs)}
+        self.work = [-1] * len(self.quantities)
+        for name, k in self.invariants.items():
+            work = functions.work_in(name)
+            self.work[k] = -1 if work is None else work
+        self.writing = [k for k, quantity in enumerate(self.quantities) if quantity.shape]
+        self.table = np.zeros((len(self.quantities), 6), dtype=np.int64)
+        self.columns, size = 0, CELLS
+        for k, quantity in enumerate(self.quantities):
+            width = quantity.width if quantity.shape else 0
+            self.table[k] = quantity.callback.address, width, self.columns, size, 0, self.work[k]
+            self.columns += quantity.width
+            size += quantity.width + CELLS
+        self._out_size = size
+        self._places: dict[int, tuple[int, list[tuple[int, int, tuple[int, ...]]]]] = {}
+        self._idle: dict[int, tuple[np.ndarray, list[np.ndarray]]] = {}
+        self.idle_within: dict[int, Within] = {}
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether a run does something after each step."""
+        return bool(self.quantities or self.advance or self.project)
+
+    def arrays(self, n: int, numbers: np.ndarray | None = None) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return all numbers that change along a run, and the arrays which are views of them.
+
+        Runs without quantities share those for each n, in which nothing changes.
+        """
+        if not self.quantities and n in self._idle:
+            return self._idle[n]
+        size, places = self._places.get(n) or self._places.setdefault(n, self._placed(n))
+        numbers = np.zeros(size) if numbers is None else numbers
+        found = numbers, [numbers[begin:end].reshape(shape) for begin, end, shape in places]
+        if not self.quantities:
+            self._idle[n] = found
+        return found
+
+    def _placed(self, n: int) -> tuple[int, list[tuple[int, int, tuple[int, ...]]]]:
+        """Return the number of all numbers; and the begin, the end and the shape of each array among them."""
+        columns, places, size = self.columns, [], 0
+        shapes: list[tuple[int, ...]] = [
+            (self._out_size,),  # the values in the latest state
+            (4, columns),  # the extremes
+            (2, columns),  # those at the ends of steps and at events
+            (PARTS, 2, columns),  # those in the last parts of the run
+            (PARTS, n),  # the signs of the velocities at the ends of these parts
+            (len(self.quantities),),  # the largest velocities that are works
+            (columns,),  # the values at the start
+            (columns,),  # the values before the next step
+        ]
+        for shape in shapes:
+            places.append((size, size + math.prod(shape), shape))
+            size += math.prod(shape)
+        return size, places

@@ -1,0 +1,212 @@
+"""Compiled code is found by all that it depends on: a change of any part of this is noticed, and nothing else is."""
+
+import ctypes
+import enum
+import os
+import subprocess
+import sys
+import types
+from concurrent.futures import ThreadPoolExecutor
+
+import numba
+import numba.experimental
+import numpy as np
+import pytest
+
+import eig3
+from eig3.kernels.compile.content import content
+
+MODULE = types.ModuleType("settings")
+SOURCE = """
+@eig3.jit
+def helper(x):
+    return K * x
+
+@eig3.jit
+def function(x, y=1.0):
+    return helper(x) + W[0] * settings.factor + np.sin(y) + 0.5
+"""
+
+
+def defined(old="", new="", factor=1.0, **changes):
+    """The function of the source with a change."""
+    MODULE.factor = factor
+    names = {"__name__": __name__, "eig3": eig3, "np": np, "settings": MODULE, "K": 2.0, "W": np.ones(2), **changes}
+    exec(SOURCE.replace(old, new), names)
+    return names["function"]
+
+
+def test_the_same_function_has_the_same_content():
+    assert content(defined()) == content(defined())
+    assert len(content(defined())) == 32
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"old": "0.5", "new": "0.25"},
+        {"old": "y=1.0", "new": "y=2.0"},
+        {"old": "np.sin", "new": "np.cos"},
+        {"old": "K * x", "new": "x * K * x"},
+        {"old": "@eig3.jit", "new": "@eig3.jit(fastmath=True)"},
+        {"K": 3.0},
+        {"K": 2},
+        {"W": np.zeros(2)},
+        {"factor": 2.0},
+    ],
+    ids=str,
+)
+def test_a_change_is_noticed(change):
+    assert content(defined(**change)) not in ("", content(defined()))
+
+
+def test_a_value_of_an_outer_function_is_noticed():
+    def outer(k):
+        return eig3.jit(lambda x: k * x)
+
+    assert content(outer(1.0)) == content(outer(1.0)) != content(outer(2.0))
+
+
+def test_which_function_a_name_means_is_noticed():
+    """Helpers are listed before those that call them: here in the same order."""
+
+    @eig3.jit
+    def inner(x):
+        return 2.0 * x
+
+    @eig3.jit
+    def outer(x):
+        return inner(x) + 1.0
+
+    def difference(first, second):
+        return eig3.jit(lambda x: first(x) - second(x))
+
+    assert content(difference(inner, outer)) != content(difference(outer, inner))
+
+
+class Colour(enum.IntEnum):
+    RED = 1
+
+
+SIZE = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(abs)
+FUNCTIONS = (defined(),)
+AT_AN_ADDRESS = numba.cfunc("f8(f8)")(lambda x: x)
+
+
+@numba.experimental.jitclass({"k": numba.float64})
+class Spring:
+    def __init__(self, k):
+        self.k = k
+
+
+@eig3.jit
+def odd(n):
+    return n > 0 and even(n - 1)
+
+
+@eig3.jit
+def even(n):
+    return n == 0 or odd(n - 1)
+
+
+@pytest.mark.parametrize("function", [lambda x: np.linalg.norm(x), lambda x: np.dot(x, x), lambda x: x[None, :]])
+def test_what_numpy_has_is_known(function):
+    assert content(eig3.jit(function))
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda x: Colour.RED * x,
+        lambda x: SIZE(x),
+        lambda x: FUNCTIONS[0](x),
+        lambda x: AT_AN_ADDRESS(x),
+        lambda x: Spring(x).k,
+        lambda x: even(x),
+        lambda x: os.path.join(x),  # noqa: PTH118  # a module in a module
+    ],
+)
+def test_what_is_not_known_is_not_kept(function):
+    assert not content(eig3.jit(function))
+
+
+READY = """
+import sys
+import warnings
+
+import eig3
+from eig3.kernels.compile.numba_internals import compilations
+
+warnings.simplefilter("error")
+problems = eig3.problems
+
+
+@eig3.jit
+def named(t, u, v, p):
+    return -p.k * u - p.c * v
+
+
+@eig3.jit
+def crossing(t, u, v, p):
+    return u - 0.9
+
+
+def runs():
+    yield problems.hopper(n=20, t_end=2e-3).integrate(h=1e-4)
+    yield problems.slider_crank(t_end=0.01).integrate(h=1e-4)
+    yield problems.pounding_buildings().with_(t_span=(0, 0.02)).integrate(h=1e-3)
+    yield problems.ten_storey_frame().with_(t_span=(0, 0.02)).integrate(h=1e-3)
+    yield problems.jelly().with_(t_span=(0, 2e-3)).integrate(h=1e-4)
+    params, events = {"k": 4.0, "c": 0.1}, {"crossing": eig3.Event(crossing)}
+    yield eig3.integrate(named, (0, 1), 1.0, 0.0, params=params, events=events, rtol=1e-6)
+    yield eig3.integrate(named, (0, 1), 1.0, 0.0, params=params, h=0.01, method="rk4", inline=True)
+    yield eig3.ensemble(named, (0, 1), [1.0] * 20, 0.0, params=params, h=0.01)
+    yield eig3.ensemble(named, (0, 1), [1.0] * 20, 0.0, params=params, rtol=1e-6)
+
+
+with compilations() as functions:
+    print([solution.u.ravel()[-1].item().hex() for solution in runs()])
+print(len(functions), *[function.__qualname__ for function in functions])
+"""
+
+
+def results_of(script, folder):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
+    command = [sys.executable, "-c", script]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
+
+
+@pytest.mark.system
+def test_the_second_process_compiles_nothing_of_scenes_and_structures(tmp_path):
+    values, compiled = results_of(READY, tmp_path)
+    assert int(compiled.split()[0]) > 100
+    assert results_of(READY, tmp_path) == [values, "0"]
+
+
+ONE_NAME = r"""
+import sys
+
+import eig3
+
+namespace = {"eig3": eig3, "__name__": "__main__"}
+for k in sys.argv[1].split(","):
+    exec(f"@eig3.jit\ndef inner(x):\n    return {k} * x if x > 0 else x ** {k}\n", namespace)
+    exec("@eig3.jit\ndef rhs(t, u, v, p):\n    return inner(u)", namespace)
+    print(eig3.integrate(namespace["rhs"], (0, 0.1), 1.0, 0.0, h=0.1, method="rk4").v[-1])
+"""
+
+
+@pytest.mark.system
+def test_functions_of_one_name_from_several_processes_do_not_mix(tmp_path):
+    """In each process they are the first ones: without random numbers in their symbols, these would be the same."""
+
+    def printed(numbers):
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+        command = [sys.executable, "-c", ONE_NAME, numbers]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
+
+    printed("9")  # the kernel
+    with ThreadPoolExecutor(2) as pool:
+        alone = [values[0] for values in pool.map(printed, "1234")]
+    assert len(set(alone)) == 4
+    assert printed("1,2,3,4,5")[:4] == alone

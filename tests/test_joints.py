@@ -1,0 +1,211 @@
+"""Welds, universal joints and motors of rigid bodies, against what is known of them exactly."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import eig3
+from eig3 import effects
+from eig3.scene import Scene
+
+G = 9.81
+FAST = {"rtol": 1e-11, "method": "rk8", "t_eval": np.linspace(0.0, 2.0, 21)}
+
+
+def about(place, mass):
+    """The inertia of a mass at a place about the origin."""
+    return mass * (place @ place * np.eye(3) - np.outer(place, place))
+
+
+def test_welded_bodies_in_space_move_as_one():
+    """As the one with the sum of both masses and inertias, and with their relative position and orientation kept."""
+    masses, places = (2.0, 0.7), np.array([(0.1, -0.2, 0.3), (0.6, 0.4, -0.1)])
+    turns = Rotation.from_rotvec([0.3, 0.5, -0.2]), Rotation.from_rotvec([-1.0, 0.2, 0.4])
+    moments, w = ((0.2, 0.3, 0.4), (0.05, 0.04, 0.03)), np.array([1.0, 3.0, -2.0])
+    centre = np.average(places, axis=0, weights=masses)
+    scene = Scene(3)
+    pair = [
+        scene.body(m, j, x, turn, velocity=np.cross(w, x - centre), angular_velocity=w)
+        for m, j, x, turn in zip(masses, moments, places, turns, strict=True)
+    ]
+    scene.add(effects.Weld(), *pair)
+    run = scene.problem((0.0, 2.0)).integrate(**FAST)
+    inertia = sum(
+        turn.as_matrix() @ np.diag(j) @ turn.as_matrix().T + about(x - centre, m)
+        for m, j, x, turn in zip(masses, moments, places, turns, strict=True)
+    )
+    alone = Scene(3)
+    whole = alone.body(sum(masses), inertia, centre, angular_velocity=w)
+    points = [whole.at(x) for x in places]
+    expected = alone.problem((0.0, 2.0)).integrate(**FAST)
+    turned = Rotation.from_quat(whole.rotation(expected.u))
+    for body, point, turn in zip(pair, points, turns, strict=True):
+        np.testing.assert_allclose(body.centre.positions(run.u), point.positions(expected.u), rtol=0, atol=1e-9)
+        found = Rotation.from_quat(body.rotation(run.u))
+        assert np.abs((found.inv() * turned * turn).magnitude()).max() < 1e-9
+        np.testing.assert_allclose(
+            body.angular_velocity(run.u, run.v), whole.angular_velocity(expected.u, expected.v), rtol=0, atol=1e-8
+        )
+    run = scene.problem((0.0, 2.0)).integrate(h=2e-3)
+    first, second = (Rotation.from_quat(body.rotation(run.u)) for body in pair)
+    way = first.inv().apply(pair[1].centre.positions(run.u) - pair[0].centre.positions(run.u))
+    np.testing.assert_allclose(way, way[:1].repeat(len(way), axis=0), rtol=0, atol=1e-13)
+    assert ((first.inv() * second) * (turns[0].inv() * turns[1]).inv()).magnitude().max() < 1e-13
+
+
+@pytest.mark.parametrize("options", [{"h": 2e-3}, {"h": 2e-3, "method": "rk4"}, {"rtol": 1e-8}])
+def test_welded_bodies_in_the_plane_swing_as_one(options):
+    """Two bars that are welded at a right angle, and hang at a pin, are one pendulum."""
+    scene = Scene(2)
+    bar, arm = scene.body(1.0, 1 / 12, (0.5, 0.0)), scene.body(2.0, 0.1, (1.0, -0.5), np.pi / 2)
+    bar.revolute(None, (0.0, 0.0))
+    arm.weld(bar)
+    scene.add(effects.Gravity((0.0, -G)))
+    run = scene.problem((0.0, 1.0)).integrate(**options)
+    alone = Scene(2)
+    centre = np.array([(0.5 + 2.0) / 3, -1.0 / 3])
+    apart = [m * np.sum((centre - x) ** 2) for m, x in ((1.0, (0.5, 0.0)), (2.0, (1.0, -0.5)))]
+    both = alone.body(3.0, 1 / 12 + 0.1 + sum(apart), centre)
+    both.revolute(None, (0.0, 0.0))
+    alone.add(effects.Gravity((0.0, -G)))
+    expected = alone.problem((0.0, 1.0)).integrate(rtol=1e-11, method="rk8")
+    angle = both.rotation(expected.u[-1])
+    assert bar.rotation(run.u[-1]) == pytest.approx(angle, abs=1e-5)
+    apart = np.unwrap(arm.rotation(run.u)) - np.unwrap(bar.rotation(run.u))
+    np.testing.assert_allclose(apart, np.pi / 2, rtol=0, atol=1e-12)
+
+
+def test_a_weld_with_the_ground_bears_the_load():
+    """The weight, the moment of a force beside the centre, and a torque."""
+    scene = Scene(2)
+    body = scene.body(2.0, 0.3, (1.0, 0.0))
+    scene.add(effects.Weld(), body)
+    scene.add(effects.Gravity((0.0, -G)))
+    scene.add(effects.HarmonicForce((0.0, 3.0), 0.0), body.point((0.5, 0.0)))
+    scene.add(effects.Torque(0.7), body.axes)
+    problem = scene.problem((0.0, 1.0))
+    run = problem.integrate(h=0.01, outputs=problem.outputs)
+    np.testing.assert_allclose(run.u, run.u[:1].repeat(101, axis=0), rtol=0, atol=1e-14)
+    weld = run.outputs["reactions"][:, -3:]
+    np.testing.assert_allclose(weld, [[0.0, 2.0 * G - 3.0, -0.7 - 1.5]] * 101, rtol=0, atol=1e-10)
+
+
+def test_a_weld_in_space_bears_torques_about_each_axis():
+    for k in range(3):
+        scene, torque = Scene(3), np.eye(3)[k]
+        body = scene.body(1.0, (0.2, 0.3, 0.4), (0.0, 0.0, 0.0))
+        body.weld(None)
+        scene.add(effects.Torque(torque), body.axes)
+        problem = scene.problem((0.0, 1.0))
+        run = problem.integrate(h=0.1, outputs=problem.outputs)
+        np.testing.assert_allclose(run.outputs["reactions"][-1, -6:], [0, 0, 0, *-torque], rtol=0, atol=1e-12)
+
+
+@eig3.jit
+def steady(t):
+    return 3.0 * t, 3.0, 0.0
+
+
+def test_a_universal_joint_turns_as_hookes():
+    """Behind a joint with the angle b, tan of the angle of the second shaft is that of the first divided by cos b."""
+    b, origin = 0.6, (0.0, 0.0, 0.0)
+    along, up = np.array([np.cos(b), np.sin(b), 0.0]), np.array([0.0, 0.0, 1.0])
+    scene = Scene(3)
+    first = scene.body(1.0, (0.1, 0.1, 0.15), (-0.5, 0.0, 0.0), angular_velocity=(3.0, 0.0, 0.0))
+    second = scene.body(1.0, (0.1, 0.1, 0.15), 0.5 * along, angular_velocity=3.0 / np.cos(b) * along)
+    first.revolute(None, (-1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    first.prescribed_angle(None, steady, (1.0, 0.0, 0.0))
+    first.universal(second, origin, (0.0, 1.0, 0.0), up)
+    scene.add(effects.Slider(direction=along), second.at(along))
+    run = scene.problem((0.0, 2.0)).integrate(h=1e-3, method="rk4")
+    turned = Rotation.from_quat(second.rotation(run.u)).apply(up)
+    angle = np.unwrap(np.arctan2(turned @ np.cross(along, up), turned @ up))
+    expected = np.unwrap(np.arctan2(np.sin(3.0 * run.t), np.cos(b) * np.cos(3.0 * run.t)))
+    np.testing.assert_allclose(angle, expected, rtol=0, atol=1e-9)
+
+
+@eig3.jit
+def controller(t, angle, rate):
+    return 0.4 * t - 5.0 * angle - 0.3 * rate
+
+
+def driven(t, inertia):
+    """The angle of a damped oscillator from rest under a load of 0.4 t N m."""
+    k, c = 5.0, 0.3
+    omega, xi = np.sqrt(k / inertia), c / (2 * np.sqrt(k * inertia))
+    drift, start = 0.4 / k, -0.4 * c / k**2  # of the motion in the end
+    high = omega * np.sqrt(1 - xi**2)
+    sine = (-drift - xi * omega * start) / high
+    return start + drift * t + np.exp(-xi * omega * t) * (-start * np.cos(high * t) + sine * np.sin(high * t))
+
+
+def test_a_motor_may_be_a_controller():
+    """A torque of the time, the angle and its rate makes an oscillator: on one body, between two, and about an axis."""
+    wheel = Scene(2)
+    alone = wheel.body(1.0, 0.2, (0.0, 0.0), 0.7)
+    wheel.add(effects.Motor(controller), alone.axes)
+    pair = Scene(2)
+    rotor, stator = (pair.body(1.0, j, (0.0, 0.0)) for j in (0.2, 0.6))
+    rotor.motor(stator, controller)
+    axis = np.array([2.0, 1.0, 2.0]) / 3
+    space = Scene(3)
+    ball = space.body(1.0, (0.2, 0.2, 0.2), (0.0, 0.0, 0.0))
+    ball.revolute(None, (0.0, 0.0, 0.0), axis)
+    ball.motor(None, controller, axis)
+    runs = [scene.problem((0.0, 2.0), work=True).integrate(**FAST) for scene in (wheel, pair, space)]
+    angles = [
+        alone.rotation(runs[0].u) - 0.7,
+        rotor.rotation(runs[1].u) - stator.rotation(runs[1].u),
+        Rotation.from_quat(ball.rotation(runs[2].u)).as_rotvec() @ axis,
+    ]
+    for run, angle, inertia in zip(runs, angles, (0.2, 0.2 * 0.6 / 0.8, 0.2), strict=True):
+        np.testing.assert_allclose(angle, driven(run.t, inertia), rtol=0, atol=1e-8)
+        assert run.drift["energy"] < 1e-8
+
+
+@eig3.jit
+def only_angle(t, theta, rate):
+    return theta
+
+
+@eig3.jit
+def twofold(t, angle, rate):
+    return angle, rate
+
+
+@eig3.jit
+def rising(t):
+    return 0.4 * t
+
+
+def test_a_motor_of_the_time_between_two_bodies():
+    scene = Scene(2)
+    rotor, stator = (scene.body(1.0, j, (0.0, 0.0)) for j in (0.2, 0.6))
+    rotor.motor(stator, rising)
+    run = scene.problem((0.0, 1.0)).integrate(rtol=1e-10)
+    ends = [body.rotation(run.u[-1]) for body in (rotor, stator)]
+    assert ends == pytest.approx([0.4 / 6 / 0.2, -0.4 / 6 / 0.6], abs=1e-8)
+
+
+def test_wrong_joints_are_refused():
+    plane, space = Scene(2), Scene(3)
+    disc, ball = plane.body(1.0, 1.0, (0.0, 0.0)), space.body(1.0, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
+    origin, x = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
+    with pytest.raises(ValueError, match="axis of a revolute joint must be given in a scene of 3 dimensions"):
+        ball.revolute(None, origin)
+    with pytest.raises(ValueError, match=r"in the plane, take body\.revolute\(other, position\)"):
+        disc.spherical(None, (0.0, 0.0))
+    with pytest.raises(ValueError, match="axis and other_axis of a universal joint must be at right angles"):
+        ball.universal(None, origin, x, (1.0, 1.0, 0.0))
+    with pytest.raises(TypeError, match=r"Weld joins two rigid bodies, or one with the ground: scene\.add"):
+        plane.add(effects.Weld(), disc.centre, plane.fixed((1.0, 0.0)))
+    with pytest.raises(TypeError, match=r"has an angle, which needs an axis in space: take body\.motor"):
+        space.add(effects.Motor(controller), ball.axes)
+    with pytest.raises(TypeError, match="torque of Motor must be a jitted function of t, or of t, angle and rate"):
+        plane.add(effects.Motor(only_angle), disc.axes)
+    with pytest.raises(TypeError, match="torque of Motor must return a number here"):
+        disc.motor(None, twofold)
+    disc.revolute(None, (0.0, 0.0))
+    disc.weld(None)
+    with pytest.raises(ValueError, match=r"these constraints depend on each other at the start: .*weld 0"):
+        plane.problem((0.0, 1.0))

@@ -1,0 +1,87 @@
+"""Errors for unknown keywords name the argument that is meant, also by its name in other codes."""
+
+import dataclasses
+import inspect
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import effects, problems
+from eig3.keywords import _ELSEWHERE
+from eig3.scene import Scene
+
+ELSEWHERE = {
+    "LAMMPS's epsilon": (effects.LennardJones, "eps", "epsilon"),
+    "an earlier name": (effects.LennardJones, "depth", "epsilon"),
+    "LAMMPS's D0": (effects.Morse, "D0", "D"),
+    "LAMMPS's alpha": (effects.Morse, "alpha", "a"),
+    "HOOMD's cutoff": (effects.Coulomb, "r_cut", "cutoff"),
+    "a stiffness": (effects.LinearSpring, "k", "stiffness"),
+    "OpenMM's length": (effects.LinearSpring, "length", "rest_length"),
+    "MuJoCo's springlength": (effects.Cable, "springlength", "rest_length"),
+    "LAMMPS's coefficient of restitution": (effects.HertzMindlin, "coeff_restitution", "restitution"),
+    "a coefficient of friction": (effects.HertzMindlin, "mu", "friction"),
+    "another coefficient of friction": (effects.CoulombFriction, "friction", "mu"),
+    "two meanings": (effects.HertzMindlin, "radius", "contact_distance or wall_radius"),
+    "the article's S2": (effects.HardeningSpring, "S2", "cubic"),
+    "a slip of the pen": (effects.PlaneContact, "stifness", "stiffness"),
+    "OpenMM's theta0": (effects.HarmonicAngle, "theta0", "angle"),
+    "a method": (eig3.EIG3, "aplha", "alpha"),
+    "SciPy's step": (problems.kepler().integrate, "max_step", "h_max"),
+    "SciPy's tolerance": (problems.kepler().prepare, "reltol", "rtol"),
+    "an option of the problem": (problems.kepler().integrate, "t_ends", "t_end"),
+    "threads": (problems.kepler().ensemble, "n_threads", "threads"),
+    "a near group": (Scene(2).add, "near", "others"),
+    "a spin": (Scene(2).mass, "spin", "angular_velocity"),
+    "a box": (Scene, "boxes", "box"),
+    "a joint": (Scene(2).body(1.0, 1.0, (0.0, 0.0)).revolute, "pos", "position"),
+}
+
+
+@pytest.mark.parametrize(("called", "given", "meant"), ELSEWHERE.values(), ids=ELSEWHERE)
+def test_the_argument_that_is_meant(called, given, meant):
+    owner = getattr(called, "__self__", None)
+    name = called.__name__ if owner is None else f"{type(owner).__name__}.{called.__name__}"
+    with pytest.raises(TypeError) as caught:
+        called(**{given: 1.0})
+    assert str(caught.value) == f"{name}() has no argument {given!r}; did you mean {meant}?"
+
+
+def test_without_a_near_one_all_arguments_are_named():
+    with pytest.raises(TypeError) as caught:
+        effects.LinearSpring(colour="red")
+    assert str(caught.value) == "LinearSpring() has no argument 'colour'; its arguments are stiffness, rest_length."
+    with pytest.raises(TypeError, match=r"integrate\(\) has no argument 'dt'; did you mean h\?"):
+        eig3.integrate(None, (0.0, 1.0), 1.0, 0.0, dt=0.1)
+
+
+def test_errors_from_inside_stay():
+    """Also those of a function of the user that has no argument of this name."""
+
+    def motion(t):
+        return inner(t, speed=1.0)
+
+    def inner(t):
+        return t
+
+    with pytest.raises(TypeError, match="unexpected keyword argument 'speed'"):
+        motion(0.0)
+    with pytest.raises(TypeError, match="rhs must be"):
+        eig3.integrate(len, (0.0, 1.0), 1.0, 0.0, h=0.1)
+
+
+def test_other_codes_have_names_for_what_is_there():
+    """No row of the table is left over when a name changes."""
+    records = [x for x in vars(effects).values() if inspect.isclass(x) and dataclasses.is_dataclass(x)]
+    functions = [eig3.integrate, Scene.add, Scene.mass, Scene.body, Scene.add_mesh]
+    known = {field.name for record in records for field in dataclasses.fields(record)}
+    known |= {name for function in functions for name in inspect.signature(function).parameters}
+    assert _ELSEWHERE.keys() <= known
+
+
+def test_signatures_and_names_are_those_of_the_functions():
+    assert next(iter(inspect.signature(eig3.integrate).parameters)) == "rhs"
+    assert "neighbor_capacity" in inspect.signature(Scene.add).parameters
+    assert Scene.add.__name__ == "add"
+    assert np.ndim(Scene(2).mass(1.0, (0.0, 0.0)).position) == 1
