@@ -41,6 +41,7 @@ Draw = Callable[[Any, Solution], None]
 
 _START = ("u0", "v0", "params")
 _OF_A_CALL = ("progress", "raise_on_failure", "cancel", "save_to")  # the options that belong to one run
+_ENERGY_EVERY = 100  # steps: to evaluate the energy often enough costs up to 5 % of a run
 _OF_RHS = ("rhs", "quadratures")  # these fields change only with the right-hand side
 
 
@@ -496,8 +497,9 @@ class Problem:
     def _with_own(self, options: dict[str, Any], call: str) -> dict[str, Any]:
         """Return the options of runs, with what the problem adds; refuse those that would replace one of its fields."""
         _refuse_fields(options, call)
-        invariants = {} if self.energy is None else {"energy": self.energy}
-        options = {"events": self.events, "invariants": invariants, **options}
+        if self.energy is not None and "invariants" not in options:
+            options = {"invariants": {"energy": self.energy}, "invariants_every": _ENERGY_EVERY, **options}
+        options = {"events": self.events, "invariants": {}, **options}
         options |= {"method": self._with_masses(options.get("method")), "labels": self.labels}
         return options | {"quadratures": tuple(self.quadratures)}
 

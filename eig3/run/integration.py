@@ -36,6 +36,7 @@ def integrate(
     events: Mapping[str, Event] | None = None,
     invariants: Mapping[str, Any] | None = None,
     outputs: Mapping[str, Any] | None = None,
+    invariants_every: int = 1,
     h_max: float | None = None,
     first_step: float | None = None,
     max_steps: int | None = None,
@@ -75,11 +76,12 @@ def integrate(
     events : dict of str to Event
         Functions of the state whose zeros are found, by name; see `eig3.Event`.
     invariants : dict of str to jitted function
-        Functions ``e(t, u, v, p) -> float`` by name, evaluated at every step. The solution has their `drift` and
-        `extremes`.
+        Functions ``e(t, u, v, p) -> float`` by name. The solution has their `drift` and `extremes`.
     outputs : dict of str to jitted function, or to (jitted function, k)
         Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values, by name. `solution.outputs` has
         their values at the saved states, and `solution.extremes` their extremes over the run.
+    invariants_every : int
+        Evaluate the invariants after about every `invariants_every`-th step only, and more often in the first steps.
     h_max, first_step, max_steps : float, float, int
         With rtol: the longest and the first step, and the number of steps after which the run ends.
     inline : bool
@@ -119,6 +121,7 @@ def integrate(
         events=events,
         invariants=invariants,
         outputs=outputs,
+        invariants_every=invariants_every,
         h_max=h_max,
         first_step=first_step,
         max_steps=max_steps,
