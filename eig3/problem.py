@@ -86,7 +86,7 @@ class Problem:
     t_span : (float, float)
     energy : jitted function, optional
         ``energy(t, u, v, p) -> float``, constant along the exact solution. `integrate` follows it as the invariant
-        "energy".
+        "energy", after about every hundredth step.
     energy_unit : str
         Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
     units : str or tuple of str
@@ -228,7 +228,8 @@ class Problem:
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
         **options
-            Other options of `eig3.integrate`, such as rtol and t_eval. `invariants` replaces the energy. Functions in
+            Other options of `eig3.integrate`, such as rtol and t_eval. `invariants` replaces the energy, which is
+            evaluated after about every hundredth step, unless `invariants_every` is given. Functions in
             `invariants` and `outputs` get u and v with one more degree of freedom for each of `quadratures`. `events`
             replaces those of the problem.
 
