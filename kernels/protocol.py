@@ -454,9 +454,9 @@ def stack_cells(typingctx, n, count):
 
 @intrinsic(prefer_literal=True)
 def stack_rows(typingctx, n, count):
-    """``stack_rows(n, count)`` returns a tuple of `count` arrays of n values on the stack; both are literals.
+    """``stack_rows(n, count)`` returns a tuple of `count` rows of n values on the stack; both are literals.
 
-    After LLVM has unrolled the loops over n, it keeps these arrays in registers.
+    After LLVM has unrolled the loops over n, it keeps these rows in registers.
     """
     kind = types.UniTuple(row_type, count.literal_value)
 
@@ -494,7 +494,7 @@ def copy_rows(typingctx, target, source, n):
 
 @intrinsic
 def row_index(typingctx, row, state):
-    """``row_index(row, state)`` returns the number of the row of a 2-D array that is the 1-D array `row`."""
+    """``row_index(row, state)`` returns which row of a 2-D array a `Row` is."""
 
     def codegen(context, builder, signature, args):
         array = parts_of(context, builder, state, args[1])
