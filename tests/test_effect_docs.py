@@ -1,0 +1,55 @@
+"""The docstring of each public effect: its formula, the unit of each parameter, and its name in other codes."""
+
+import dataclasses
+import inspect
+import re
+
+import pytest
+
+from eig3 import effects
+
+BASES = ("Angle", "Bending", "Body", "Cell", "Constraint", "Dihedral", "FrictionalContact", "Link", "Motion")
+BASES += ("Tetrahedron", "Triangle")
+EFFECTS = [name for name in effects.__all__ if name not in BASES]
+CODES = ("LAMMPS", "OpenMM", "OpenSees", "MuJoCo", "exudyn", "Modelica", "FEBio")
+UNIT = re.compile(r"\b(N|m|kg|s|J|Pa|rad)\b|unit vector|[Cc]oefficient|ratio|[Vv]ectors? ")
+
+
+def parameters(doc):
+    """Return what the section of parameters says about each of them."""
+    section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", doc, flags=re.MULTILINE | re.DOTALL)
+    entries = re.findall(r"^([\w, ]+) : .*\n((?:    .*\n?|\n)+)", section[1] if section else "", flags=re.MULTILINE)
+    return {name: text for names, text in entries for name in names.split(", ")}
+
+
+def test_the_kinds_are_classes_without_parameters():
+    """All else is an effect, which the tests below read."""
+    assert [name for name in BASES if dataclasses.is_dataclass(getattr(effects, name))] == []
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_docstring_has_the_formula_the_codes_and_the_limits(name):
+    doc = inspect.getdoc(getattr(effects, name))
+    before, notes = doc.split("\nNotes\n-----\n")
+    assert re.search(r"^Formula: ", before, flags=re.MULTILINE)
+    (others,) = re.findall(r"^Other codes: (.*?)\n\n", notes, flags=re.MULTILINE | re.DOTALL)
+    assert any(code in others for code in CODES)
+    assert re.search(r"^Not included: \w", notes, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_each_parameter_has_a_unit(name):
+    effect = getattr(effects, name)
+    given = [field.name for field in dataclasses.fields(effect) if field.init]
+    described = parameters(inspect.getdoc(effect))
+    assert list(described) == given
+    assert [name for name, text in described.items() if not UNIT.search(text)] == []
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_the_formula_has_the_parameters(name):
+    """Records and coefficients with an index have other names there."""
+    doc = inspect.getdoc(getattr(effects, name))
+    text = doc.split("\nParameters\n")[0]
+    missing = [given for given in parameters(doc) if not re.search(rf"\b{given}\b", text)]
+    assert set(missing) <= {"times", "values", "direction", "coefficients", "contact_distance", "wall_radius"}
