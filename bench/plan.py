@@ -28,7 +28,7 @@ from .typed import checked
 SUMMARY = "what the first choice of eig3.plan costs against the best of a sweep"
 ACCURACIES = (1e-2, 1e-4, 1e-6, 1e-8)
 PLAN_METRICS = ("trajectory", "energy")
-MOST = 1.3  # largest ratio of the time of the first choice to that of the best
+MOST = 1.3  # largest ratio of the time of the first choice to the time of the best
 ERROR_RANGE = (0.1, 1.0)  # of a prediction, relative to the requested accuracy
 TIME_FACTOR = 1.5  # of a prediction
 _CONTENDERS = 3  # the fastest methods of the sweep, which are timed again beside the first choice

@@ -41,7 +41,7 @@ def arenstorf(
     Parameters
     ----------
     mu : float
-        Mass of the moon as a part of the mass of both bodies; positive, and at most 0.5.
+        Mass of the moon divided by the mass of both bodies; positive, and at most 0.5.
     x : float
         x at t = 0; y is zero there.
     vy : float

@@ -48,7 +48,7 @@ def _chain(kind: str, style: str) -> str:
 
 
 def _torsion() -> str:
-    """Return the polynomial of cos phi: that of the effect is one of -cos phi."""
+    """Return the polynomial in cos phi; the effect has a polynomial in -cos phi."""
     signed = [f"{(-1) ** k * c:.17g}" for k, c in enumerate(TORSION)]
     return _chain("dihedral", f"nharmonic {len(signed)} {' '.join(signed)}")
 

@@ -1,4 +1,4 @@
-"""The forces of OpenMM on the six points: by its own ones of a chain, and by formulas of which it takes derivatives."""
+"""The forces of OpenMM on the six points: by its forces of bonds, and by formulas that it differentiates."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def forces(name: str) -> np.ndarray:
 
 
 def _shifted(potential: str, slope: float) -> str:
-    """Return a potential whose force is 0 at the cutoff, but for a constant."""
+    """Return a potential whose force is 0 at the cutoff, up to a constant."""
     return f"step({REACH} - r) * (u - r * ({slope:.17g})); u = {potential}"
 
 

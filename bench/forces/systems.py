@@ -1,4 +1,4 @@
-"""Six points in space with one effect: a law between all pairs, or one along their chain."""
+"""Six points in space with one effect, between all pairs or along their chain."""
 
 from __future__ import annotations
 

@@ -259,8 +259,8 @@ def report(
 
     Notes
     -----
-    The errors are those against `problem.exact`, or else against RK8 with steps that are halved until two runs agree to
-    a tenth of the smallest accuracy. No method is said to reach an accuracy below three times their difference.
+    Errors are measured against `problem.exact`, or else against RK8 with steps that are halved until two runs agree to
+    a tenth of the smallest accuracy. No accuracy below three times this difference is claimed for a method.
     """
     own_problem.check(problem)
     settings = _own_settings(problem, accuracies, rivals, repeats)

@@ -62,7 +62,7 @@ def page(record: Record, comparison: Comparison | None) -> str:
 
 
 def how_measured(record: Record) -> list[str]:
-    """How the times of the library's problems were measured, and those of a user's own."""
+    """Return how the times were measured, for problems of the library and for a problem of the user."""
     settings = record.run.settings
     repeats, modes = settings["repeats"], settings["modes"] or list(MODES)
     found = []
