@@ -7,6 +7,8 @@ import re
 import pytest
 
 from eig3 import effects
+from eig3.scene import RigidBody
+from eig3.structures import Modal, Rayleigh, Section
 
 BASES = ("Angle", "Bending", "Body", "Cell", "Constraint", "Dihedral", "FrictionalContact", "Link", "Motion")
 BASES += ("Tetrahedron", "Triangle")
@@ -27,14 +29,23 @@ def test_the_kinds_are_classes_without_parameters():
     assert [name for name in BASES if dataclasses.is_dataclass(getattr(effects, name))] == []
 
 
-@pytest.mark.parametrize("name", EFFECTS)
-def test_a_docstring_has_the_formula_the_codes_and_the_limits(name):
-    doc = inspect.getdoc(getattr(effects, name))
-    before, notes = doc.split("\nNotes\n-----\n")
-    assert re.search(r"^Formula: ", before, flags=re.MULTILINE)
+def codes_and_limits(doc):
+    notes = doc.split("\nNotes\n-----\n")[1]
     (others,) = re.findall(r"^Other codes: (.*?)\n\n", notes, flags=re.MULTILINE | re.DOTALL)
     assert any(code in others for code in CODES)
     assert re.search(r"^Not included: \w", notes, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_docstring_has_the_formula_the_codes_and_the_limits(name):
+    doc = inspect.getdoc(getattr(effects, name))
+    assert re.search(r"^Formula: ", doc.split("\nNotes\n")[0], flags=re.MULTILINE)
+    codes_and_limits(doc)
+
+
+@pytest.mark.parametrize("law", [Modal, Rayleigh, RigidBody, Section])
+def test_joints_and_laws_of_structures_have_the_codes_and_the_limits(law):
+    codes_and_limits(inspect.getdoc(law))
 
 
 @pytest.mark.parametrize("name", EFFECTS)
