@@ -592,8 +592,8 @@ def grazing(method: Method) -> Iterator[Finding]:
     """A dip of depth d below zero has its two zeros at arccos(1 - d) from its middle, in u = cos t.
 
     There the velocity is sqrt(2 d). An error of u, below 1e-9 here, is divided by it. The two zeros are far enough
-    apart for steps of 0.02. The zero of a dip of depth 0 is double: g does not change its sign, but round-off may make
-    it do so twice.
+    apart for steps of 0.02. The zero of a dip of depth 0 is double: g does not change its sign, but with round-off it
+    may change twice.
     """
 
     def times(depth: float) -> np.ndarray:

@@ -114,7 +114,7 @@ def _measure(options: argparse.Namespace, given: Mapping[str, Any]) -> None:
 
 
 def _settings(options: argparse.Namespace, given: Mapping[str, Any]) -> Settings:
-    """What to measure, from the options or, with --resume, from the run that goes on."""
+    """What to measure, from the options or, with --resume, from the run that continues."""
     has_run = (options.out / RUN).exists()
     if has_run and not options.resume:
         raise SystemExit(
