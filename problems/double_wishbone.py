@@ -91,7 +91,7 @@ def double_wishbone(spring: float = 60e3, damper: float = 4e3, tie: float = 0.01
     damper : float
         N s/m.
     tie : float
-        The height of the inner end of the tie rod above the hinge of the lower arm, m: 0 lets the wheel not steer.
+        The height of the inner end of the tie rod above the hinge of the lower arm, m: at 0 the wheel does not steer.
     t_end : float
         s.
     """

@@ -133,7 +133,7 @@ def ragdoll(push: float = 1.0, t_end: float = 3.0) -> Problem:
     Parameters
     ----------
     push : float
-        The spin forward at the start, rad/s.
+                Forward angular velocity at the start, rad/s.
     t_end : float
         s.
     """

@@ -38,7 +38,7 @@ def slider_crank(spin: float = 50.0, torque: float = 0.0, t_end: float = 0.5) ->
     Parameters
     ----------
     spin : float
-        Of the crank at the start, rad/s.
+                Angular velocity of the crank at the start, rad/s.
     torque : float
         On the crank, N m; without it, the energy is constant.
     t_end : float
