@@ -35,8 +35,8 @@ def arenstorf(
 ) -> Problem:
     """The restricted three-body problem in the plane, from a start at rest in x on the line through both bodies.
 
-    u is the position (x, y) in the frame that rotates with the bodies. The earth is at (-mu, 0) and the moon at (1 -
-    mu, 0). All quantities are dimensionless: the bodies are at the distance 1 and rotate at the rate 1 about their
+    u is the position (x, y) in the frame that rotates with the bodies. The earth is at x = -mu and the moon at
+    x = 1 - mu. All quantities are dimensionless: the bodies are at the distance 1 and rotate at the rate 1 about their
     centre of mass.
 
     Parameters
