@@ -86,10 +86,11 @@ class HertzMindlin(FrictionalContact):
 
     Notes
     -----
-    Other codes: LAMMPS ``pair_style granular`` with ``hertz/material E e nu tangential mindlin/force NULL x_gamma mu
-    damping coeff_restitution limit_damping``: E*, k_n and the limit of friction are equal. As in
-    ``mindlin_rescale/force``, the force of the spring falls with the contact radius. LAMMPS has z = -ln e / sqrt(pi^2 +
-    ln^2 e), which neglects ``limit_damping``, and the tangential damping x_gamma c_n.
+    Other codes: LAMMPS ``pair_style granular`` with ``hertz/material E e nu tangential mindlin_rescale/force NULL
+    x_gamma mu damping coeff_restitution limit_damping``: the elastic forces and the limit of friction are equal. With
+    ``mindlin/force`` the spring is not rescaled where the contact radius shrinks. LAMMPS has z = -ln e / sqrt(pi^2 +
+    ln^2 e), which neglects ``limit_damping`` (2 % less at e = 0.9), the tangential damping x_gamma c_n, and the radius
+    as the arm of a spin, which is here the distance to the contact.
 
     Not included: rolling and twisting friction, cohesion (``jkr``, ``dmt``), several materials in one effect, and walls
     other than fixed spheres.
