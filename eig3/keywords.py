@@ -41,7 +41,7 @@ _ELSEWHERE = {
     "mass": "m",
     "max_steps": "mxstep max_num_steps maxsteps",
     "method": "solver integrator",
-    "mu": "friction coefficient xmu dryFriction",
+    "mu": "friction coefficient xmu dynamicFriction",
     "neighbor_capacity": "room capacity max_neighbors one",
     "normal_force": "load fn",
     "nu": "poisson poissons_ratio poisson_ratio",

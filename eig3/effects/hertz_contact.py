@@ -54,7 +54,8 @@ class HertzContact(Link):
     Notes
     -----
     Other codes: without damping, the normal force of LAMMPS ``pair_style gran/hertz/history`` with Kn = stiffness /
-    sqrt(R) and the effective radius R = R1 R2 / (R1 + R2). Its viscoelastic damping is another law.
+    sqrt(R) and the effective radius R = R1 R2 / (R1 + R2). Its viscoelastic damping is another law. exudyn:
+    ``ObjectContactSphereSphere`` with contactStiffnessExponent = 1.5.
 
     Not included: friction and the rotation of the bodies, as in `HertzMindlin`; a coefficient of restitution as a
     parameter: with this damping, restitution falls with the speed of the impact.
