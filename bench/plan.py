@@ -177,9 +177,9 @@ def benchmark(
 def how_measured(repeats: int) -> str:
     return (
         f"The first choice beside the {_CONTENDERS} fastest methods of a sweep, each at the step with which it reaches "
-        f"the accuracy: medians of {repeats} interleaved runs. A prediction hits with {ERROR_RANGE[0]} to "
-        f"{ERROR_RANGE[1]} of the requested error, or less with a note, and the predicted time to a factor of "
-        f"{TIME_FACTOR}; extrapolated predictions are left out."
+        f"the accuracy: medians of {repeats} interleaved runs. A prediction counts as right if the error is "
+        f"{ERROR_RANGE[0]} to {ERROR_RANGE[1]} of the requested error, or smaller with a note, and the time is right "
+        f"to a factor of {TIME_FACTOR}. Extrapolated predictions are not counted."
     )
 
 

@@ -119,13 +119,13 @@ def render(result: WorkPrecisionSet) -> str:
     parts.append(f"Truth: {result.source}, known to {result.uncertainty:.1g} of max |u|.")
     if not result.is_claimed("trajectory", min(result.targets)):
         parts.append(
-            f"So nothing is said about who reaches an error of the trajectory below {CERTAIN * result.uncertainty:.1g}."
+            f"No method is therefore ranked for errors of the trajectory below {CERTAIN * result.uncertainty:.1g}."
         )
     for metric in result.metrics:
         parts += [render_reach(result, metric), render_contests(result, metric), render_front(result, metric)]
         parts += [render_tolerances(result, metric)] * result.tolerances
     if result.unstable:
-        parts.append(f"Unstable or useless, and kept in the pictures: {result.unstable}.")
+        parts.append(f"Unstable or too inaccurate, but in the pictures: {result.unstable}.")
     if result.skipped:
         parts.append(f"Left out: {'; '.join(result.skipped)}.")
     return "\n\n".join(parts)

@@ -115,10 +115,10 @@ def _current_folder():
 
 def how_measured(repeats: int) -> str:
     return (
-        f"Times of your own problem: medians of at most {repeats} interleaved runs; compiling left out. The steps and "
-        "tolerances are those that eig3.plan names for each accuracy, and longer ones. The methods keep 61 to 976 "
-        "states, and the rivals compute half of 976 by their dense output. What would take longer than its share of a "
-        "minute is left out."
+        f"Times of your own problem: medians of at most {repeats} interleaved runs, without compilation. Steps and "
+        "tolerances are from eig3.plan for each accuracy, with longer ones. The methods keep 61 to 976 states, and the "
+        "rivals compute half of 976 by their dense output. Runs that would take longer than their share of a minute "
+        "are left out."
     )
 
 
