@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -109,7 +110,7 @@ def _torsion() -> Any:
 
 
 _K, _CUBIC, _LENGTH = HARDENING
-_OF_THE_CHAIN = {
+_OF_THE_CHAIN: dict[str, Callable[[], Any]] = {
     "spring": _spring,
     "hardening": partial(_bonds, f"{_K / 2} * d^2 + {_K * _CUBIC / 4} * d^4; d = r - {_LENGTH}"),
     "morse": partial(_bonds, _MORSE),
