@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import math
 import re
 
 import pytest
@@ -64,3 +65,43 @@ def test_the_formula_has_the_parameters(name):
     text = doc.split("\nParameters\n")[0]
     missing = [given for given in parameters(doc) if not re.search(rf"\b{given}\b", text)]
     assert set(missing) <= {"times", "values", "direction", "coefficients", "contact_distance", "wall_radius"}
+
+
+NAMES = {"r": 1.1, "d": 0.3, "theta": 1.3, "rate": -0.4, "exp": math.exp, "tanh": math.tanh, "erfc": math.erfc}
+#: The functions of an effect whose formulas are evaluated, as "function: what the docstring calls it".
+FORMULAS = {
+    "LinearSpring": ((50.0, 0.8), {"tension": "tension", "potential": "energy"}),
+    "HardeningSpring": ((50.0, 2.0, 0.8), {"tension": "tension", "potential": "energy"}),
+    "SofteningSpring": ((50.0, 0.2, 0.8), {"tension": "tension"}),
+    "LinearDamper": ((2.0,), {"tension": "tension"}),
+    "HarmonicAngle": ((15.0, 1.9), {"torque": "torque", "potential": "energy"}),
+    "Coulomb": ((2.0,), {"potential": "V(r)"}),
+    "Morse": ((8.0, 2.5, 0.9), {"potential": "V(r)"}),
+    "LennardJones": ((2.0, 0.9, 4.0), {"potential": "V(r)"}),
+}
+
+
+def python_of(name, quantity):
+    """Return a formula of a docstring in Python: it ends before a word that begins a sentence, or at a comma."""
+    doc = " ".join(inspect.getdoc(getattr(effects, name)).split())
+    (formula,) = re.findall(rf"(?<!\w){re.escape(quantity)} = (?:V\(r\) = )?(.*?)(?=[,;:]|\.(?!\d)| at the )", doc)[:1]
+    return re.sub(r"(?<=[\w)]) (?=[\w(])", " * ", formula.replace("r'", "rate").replace("^", "**"))
+
+
+def computed(function, names):
+    return function.py_func(*(names[argument] for argument in inspect.signature(function.py_func).parameters))
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_the_code_computes_the_formula(name):
+    values, quantities = FORMULAS[name]
+    effect = getattr(effects, name)(*values)
+    names = {**NAMES, **{field.name: getattr(effect, field.name) for field in dataclasses.fields(effect)}}
+    for function, quantity in quantities.items():
+        code = python_of(name, quantity)
+        expected = eval(code, {}, names)
+        if names.get("cutoff"):  # a shifted force: less the line that touches V at the cutoff
+            at_end, step = names["cutoff"], 1e-5
+            below, end, above = (eval(code, {}, {**names, "r": at_end + x}) for x in (-step, 0.0, step))
+            expected -= end + (names["r"] - at_end) * (above - below) / (2 * step)
+        assert computed(effect.functions()[function], names) == pytest.approx(expected, rel=1e-7), code
