@@ -145,11 +145,12 @@ class Follow(NamedTuple):
 
     `out` has the values in the latest state. `extremes` are those over all states so far, see `LOW`, and `steps` the
     lowest and highest values at the ends of steps and at events only. `parts` has such two rows for each of the last
-    parts of the run, and `forward` has 1.0 for each degree of freedom with v > 0 at the end of the part, else 0.0: that
-    of a part is row part % PARTS. A part ends with a step index, and is longer by a fifth than those before together.
+    parts of the run, and `forward` has 1.0 for each degree of freedom with v > 0 at the end of the part, else 0.0: a
+    part has the row part % PARTS. A part ends with a step index, and is longer by a fifth than those before together.
 
-    `advance` is the address of the function that changes what p remembers, after each step, or 0; and `project` that of
-    the function that moves the state to the nearest one which keeps the constraints, before all else.
+    `advance` is the address of the function that advances the history in p after each step, or 0. `project` is the
+    address of the function that moves the state to the nearest state that satisfies the constraints, before all else,
+    or 0.
     """
 
     table: Any
