@@ -147,13 +147,14 @@ class Follow(NamedTuple):
     `out` has the values in the latest state in which a quantity was evaluated. `extremes` are those over all states so
     far, see `LOW`, and `steps` the lowest and highest values at the ends of steps and at events only. `parts` has such
     two rows for each of the last parts of the run, and `forward` has 1.0 for each degree of freedom with v > 0 at the
-    end of the part, else 0.0: that of a part is row part % PARTS. A part ends with a step index, and is longer by a
+    end of the part, else 0.0: a part has the row part % PARTS. A part ends with a step index, and is longer by a
     fifth than those before together.
 
     The first `invariants` quantities are not evaluated after each step, see `follow.next_due`.
 
-    `advance` is the address of the function that changes what p remembers, after each step, or 0; and `project` that of
-    the function that moves the state to the nearest one which keeps the constraints, before all else.
+    `advance` is the address of the function that advances the history in p after each step, or 0. `project` is the
+    address of the function that moves the state to the nearest state that satisfies the constraints, before all else,
+    or 0.
     """
 
     table: Any
@@ -459,9 +460,9 @@ def stack_cells(typingctx, n, count):
 
 @intrinsic(prefer_literal=True)
 def stack_rows(typingctx, n, count):
-    """``stack_rows(n, count)`` returns a tuple of `count` arrays of n values on the stack; both are literals.
+    """``stack_rows(n, count)`` returns a tuple of `count` rows of n values on the stack; both are literals.
 
-    After LLVM has unrolled the loops over n, it keeps these arrays in registers.
+    After LLVM has unrolled the loops over n, it keeps these rows in registers.
     """
     kind = types.UniTuple(row_type, count.literal_value)
 
@@ -499,7 +500,7 @@ def copy_rows(typingctx, target, source, n):
 
 @intrinsic
 def row_index(typingctx, row, state):
-    """``row_index(row, state)`` returns the number of the row of a 2-D array that is the 1-D array `row`."""
+    """``row_index(row, state)`` returns which row of a 2-D array a `Row` is."""
 
     def codegen(context, builder, signature, args):
         array = parts_of(context, builder, state, args[1])

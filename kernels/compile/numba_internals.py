@@ -539,8 +539,8 @@ _families = itertools.count()  # for names that occur once in a process
 def addresses_of_members(result: Any, count: int) -> tuple[list[int], Any]:
     """Return the addresses of functions that call a compiled function with 0 to count - 1 as its first argument.
 
-    A kernel calls a function at an address, with fixed arguments. Each member thus needs an address of its own: that of
-    a function of a few instructions, which adds the number and jumps to the function of the family. These are written
+    A kernel calls a function at an address, with fixed arguments. Each member thus needs a separate address: there, a
+    function of a few instructions adds the number and jumps to the function of the family. These are written
     as code of LLVM, because Numba would take some tenths of a second for each. The number is a float, for which there
     is a free register on most processors: an integer would displace the other arguments, and each of them would have to
     be moved.
@@ -655,7 +655,7 @@ class DiskCache(FunctionCache):
             return
         try:
             super().save_overload(sig, data)
-        except pickle.PicklingError:  # of an argument whose class is in no module, such as that of named parameters
+        except pickle.PicklingError:  # of an argument whose class is in no module, such as named parameters
             return
         except Exception as error:
             self.failed("keep", error)
@@ -678,7 +678,7 @@ if hasattr(os, "register_at_fork"):
 class _SelfContained(JITCodeLibrary):
     """The code of a function, in which it calls its own copies of the functions that were linked into it.
 
-    Numba lets all copies of a function in a process be one: the one that was loaded first. Copies are optimised in
+    Numba lets all copies of a function in a process be one: the first that was loaded. Copies are optimised in
     different places, and may round differently. Then the process that compiles a function, and those that load it from
     the disk, would not return the same bits.
     """

@@ -20,7 +20,7 @@ from .dense import evaluate, write_up_to
 from .follow import functions, widen
 
 # A value goes beyond those at the start, in the middle and at the end by their range at most, if its period is at least
-# 1.2 steps. With rtol up to 1e-3, periods have 3 steps or more, and those of a product of two values 1.5.
+# 1.2 steps. With rtol up to 1e-3, periods have 3 steps or more; the product of two values has periods of 1.5.
 _BEYOND_THREE = 1.0
 _BEYOND_ALL = 0.75  # the part of the range of the values by which a polynomial of degree 8 at most may go beyond them
 _CELLS = 2  # parts of the step between two points in which the slope of the polynomial is looked at
@@ -32,8 +32,8 @@ def follow_within(place, first, t_end, h, s, n, p):
 
     The step has the length h and ends at t_end.
 
-    The look is at the address `place`. The step is the part up to s of that of the dense output, in `watch.work`. The
-    values at its end are in `follow.out`, and stay there.
+    The look is at the address `place`. The step is the part up to s of the step of the dense output, in `watch.work`.
+    The values at its end are in `follow.out`, and stay there.
     """
     look = look_within_at(place)
     follow, within, coefficients = look.follow, look.within, look.watch.work[2:]

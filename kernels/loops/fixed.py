@@ -151,7 +151,7 @@ def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
 def marches(f, c, y, n, scratch, tally, steps, look, pair, first, last, started, row):
     """Advance the rows `y` from step `first` towards `last`, to the end of a part of the run or of the starter at most.
 
-    The starter takes the steps before step `started`. What is returned is that of a march.
+    The starter takes the steps before step `started`. Returns what a march returns.
     """
     end = min(last, int(tally[PART_END])) if len(look.follow.table) > 0 else last
     if START_STEPS > 0 and first < started:

@@ -74,8 +74,8 @@ def go_on(address, place, of_steps, tally, outcome, i, row, u, v, a):
 def search(address, place, tally, t0, t, t_grid, n, p):
     """Search the step from t to `t_grid`, whose two states are in rows of `watch.work`, and return the outcome.
 
-    After a reset, the state at the end of the step is that at `t_grid`, or that of the event which ends the run. If the
-    log is full after some resets, FULL is returned, and the next call goes on from the last of them.
+    After a reset, the state at the end of the step is the state at `t_grid`, or at the event that ends the run. If the
+    log is full after some resets, FULL is returned, and the next call continues from the last reset.
     The right-hand side is at the address `address`, the look at `place`, and the run began at t0.
     """
     f, watch = RHS(address), look_at(place).watch

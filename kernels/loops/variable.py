@@ -67,7 +67,7 @@ from .zeros import LATER, quiet, searching
 
 __all__ = ["inline_kernel", "kernel", "least_size"]
 
-_SILENCE = 0.02  # longest step while nothing acts, as a part of the time since the start
+_SILENCE = 0.02  # longest step while nothing acts, relative to the time since the start
 
 
 def variable(callbacks, state, settings, tally, span, look):
