@@ -150,7 +150,7 @@ def test_a_drift_far_beyond_the_energy_is_noted():
     (note,) = (note for note in run.notes if note.startswith(drift))
     assert f"{run.drift['energy'] / energy_of_two(0.0, *map(np.array, start), 0.0):.2g} times" in note
     assert f"  Note: {note}" in repr(run)
-    variable = integrate(lennard_jones, (0, 10), *start, rtol=1e-6, **options)
+    variable = integrate(lennard_jones, (0, 10), *start, rtol=1e-6, method="rk8", **options)
     assert variable.notes == ()
 
 

@@ -9,7 +9,7 @@ from eig3 import effects
 from eig3.scene import Scene
 
 G = 9.81
-FAST = {"rtol": 1e-11, "method": "rk8", "t_eval": np.linspace(0.0, 2.0, 21)}
+FAST = {"h": 5e-3, "method": "rk8", "save_every": 20}
 
 
 def about(place, mass):
@@ -91,14 +91,13 @@ def test_a_weld_with_the_ground_bears_the_load():
 
 
 def test_a_weld_in_space_bears_torques_about_each_axis():
-    for k in range(3):
-        scene, torque = Scene(3), np.eye(3)[k]
-        body = scene.body(1.0, (0.2, 0.3, 0.4), (0.0, 0.0, 0.0))
-        body.weld(None)
-        scene.add(effects.Torque(torque), body.axes)
-        problem = scene.problem((0.0, 1.0))
-        run = problem.integrate(h=0.1, outputs=problem.outputs)
-        np.testing.assert_allclose(run.outputs["reactions"][-1, -6:], [0, 0, 0, *-torque], rtol=0, atol=1e-12)
+    scene, torque = Scene(3), np.array([1.0, -0.5, 0.3])
+    body = scene.body(1.0, (0.2, 0.3, 0.4), (0.0, 0.0, 0.0))
+    body.weld(None)
+    scene.add(effects.Torque(torque), body.axes)
+    problem = scene.problem((0.0, 1.0))
+    run = problem.integrate(h=0.1, outputs=problem.outputs)
+    np.testing.assert_allclose(run.outputs["reactions"][-1, -6:], [0, 0, 0, *-torque], rtol=0, atol=1e-12)
 
 
 @eig3.jit

@@ -51,7 +51,7 @@ def test_free_motion_is_the_exact_one(M, has_damping):
     problem = eig3.linear(M, C, stiffness(), t_span=(0, 2), u0=U0, v0=V0)
     full = np.diag(M) if np.ndim(M) == 1 else check_mass(M, None).matrix.toarray()
     C = np.zeros((N, N)) if C is None else C.toarray()
-    run = problem.integrate(rtol=1e-11)
+    run = problem.integrate(rtol=1e-11, method="rk8")
     np.testing.assert_allclose(run.u[-1], exact(full, C, stiffness().toarray(), U0, V0, 2.0), rtol=0, atol=1e-8)
     assert problem.uses_velocity == has_damping
     if not has_damping:
@@ -192,7 +192,7 @@ def test_lumped_masses():
         )
 
 
-@pytest.mark.parametrize("directions", [1, 2, 3])
+@pytest.mark.parametrize("directions", [1, 3])  # `test_blocks_and_threads` has 2
 def test_factors_of_a_mass_solve_in_place(directions):
     """A mass that is the same in each direction is factored for one of them."""
     rng = np.random.default_rng(3)

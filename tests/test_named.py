@@ -16,8 +16,9 @@ from eig3.kernels.compile.numba_internals import compile_results
 from .conftest import position
 
 H = {"h": 0.01}
-RTOL = {"rtol": 1e-8}
-KINDS = {"fixed": H, "tolerances": RTOL, "inline": {**H, "inline": True}, "ab3": {**H, "method": "ab3"}}
+RTOL = {"rtol": 1e-8, "method": "rk5"}
+BY_ADDRESS = {"fixed": H, "tolerances": RTOL, "ab3": {**H, "method": "ab3"}}
+KINDS = {**BY_ADDRESS, "inline": {**H, "inline": True}}
 
 
 class Spring(NamedTuple):
@@ -159,7 +160,7 @@ def test_the_function_of_a_problem_takes_its_array_too():
         np.testing.assert_array_equal(run.u, expected)
 
 
-@pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
+@pytest.mark.parametrize("options", BY_ADDRESS.values(), ids=BY_ADDRESS)
 def test_a_problem(options, tmp_path):
     problem = make_problem()
     assert problem.params.k == problem.params["k"] == 4.0
@@ -458,7 +459,7 @@ def of_blocks(t, u, v, p, a):
             a[edge * row + i] = -p.scale * total
 
 
-@pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
+@pytest.mark.parametrize("options", BY_ADDRESS.values(), ids=BY_ADDRESS)
 @pytest.mark.parametrize("edge", [2, 3])
 def test_a_matrix_of_blocks_keeps_them(edge, options):
     rng = np.random.default_rng(edge)

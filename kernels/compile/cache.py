@@ -82,9 +82,10 @@ class CheckedCache(DiskCache):
         if self._name:
             return self._name
         for each, _ in helpers_first(self._function):
+            made = getattr(each.py_func, "made", None)
             # Code that is loaded needs the symbols of what it calls. To ask for its own would compile it, and so on.
-            if each is not self._function and hasattr(each.py_func, "made"):
-                each.py_func.made()
+            if made and getattr(made, "function", None) is not self._function:
+                made()
         found = content(self._function)
         return found and f"{found} {self._variant}"
 

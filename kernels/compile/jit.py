@@ -171,6 +171,7 @@ def with_symbol(function: Any, signature: Any) -> Any:
         define_symbol(symbol, address_of(result))
         return symbol, result
 
+    made.function = function  # type: ignore[attr-defined]
     function.py_func.made = made
     return function
 
