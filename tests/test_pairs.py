@@ -61,7 +61,7 @@ def integrate(names, steps, t_end=SPAN[1], **further):
 
 def whole(names, steps):
     """The run with the same motion in which everything is followed, and every step saved."""
-    kept = [name for name in names if name in ("apply", "terminal", "inline", "t_eval")]
+    kept = [name for name in names if name in ("apply", "terminal", "inline", "t_eval", "invariants_every")]
     return integrate([*kept, "events", "outputs", "invariants"], steps)
 
 
