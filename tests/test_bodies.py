@@ -470,7 +470,7 @@ BAD_VALUES = {
         None, (1.0, 0.0), (0.0, 0.0, 1.0)
     ),
     "axis must have 3 components, not the shape": lambda: in_space().revolute(None, (0.0, 0.0, 0.0), (0.0, 1.0)),
-    "no masses with an inertia of their own: make them bodies": beside_a_rolling_mass,
+    "cannot have masses with an inertia: add them with scene.body": beside_a_rolling_mass,
     "Gravity acts on masses, and a point of a rigid body has none": lambda: adding(
         effects.Gravity((0.0, -G)), lambda body: body.point((1.0, 0.0))
     ),

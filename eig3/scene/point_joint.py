@@ -12,9 +12,9 @@ from .constraint import Constraint, Equation
 
 @dataclass(frozen=True, eq=False)
 class PointJoint(Constraint):
-    """Two points whose difference x1 - x0 stays as at the start, such as two that coincide in a joint.
+    """Two points whose difference x1 - x0 stays as at the start, such as coincident points of two bodies in a joint.
 
-    It has a reaction for each dimension: the components of the force on x1, N.
+    The reactions are the components of the force on x1, N.
     """
 
     needs = ()
