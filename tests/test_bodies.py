@@ -452,7 +452,7 @@ def joined_to_itself(joint, *arguments):
 
 BAD_VALUES = {
     "inertia of a body in the plane must be a positive number": lambda: in_plane((1.0, 2.0, 3.0)),
-    "each principal moment positive and at most the sum of the others": lambda: in_space((1.0, 1.0, 2.00001)),
+    "positive principal moments, each at most the sum of the others": lambda: in_space((1.0, 1.0, 2.00001)),
     "each principal moment positive": lambda: in_space((0.0, 0.0, 0.0)),
     "principal moment positive and": lambda: in_space((0.0, 1.0, 1.0)),
     "positive and at most": lambda: in_space((1.0, 1.0, -1.0)),

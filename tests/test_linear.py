@@ -127,7 +127,7 @@ def test_blocks_and_threads(edge, mass, has_damping, threads):
         shared = eig3.linear(M, C, K, u0=u0, v0=v0, **options, threads=threads)
         some = shared.integrate(h=run.h, t_end=0.33 + 50 * run.h).u
         np.testing.assert_array_equal(some, run.u[: len(some)])
-        with pytest.raises(ValueError, match=r"^rhs shares its work between threads, but the members already do so"):
+        with pytest.raises(ValueError, match=r"^rhs uses threads, but the members already use all threads"):
             shared.ensemble(params={"ground_scale": [1.0, 2.0]}, h=1e-3)
 
 
