@@ -295,8 +295,8 @@ def test_an_array_as_long_as_there_are_members_must_have_one_meaning():
         return eig3.ensemble(rhs, (0, 1), u0, 0 * k, params=params, **H).u[:, -1]
 
     message = (
-        r"^params has an array k of the length 3 for 3 members, and rhs can also take it as a whole: write k\[:, None\] "
-        r"for one value a member, or np\.array\(\[k\] \* 3\) for this array in all members\.$"
+        r"^params has an array k of the length 3 for 3 members, and rhs can also take it as a whole: write "
+        r"k\[:, None\] for one value a member, or np\.array\(\[k\] \* 3\) for this array in all members\.$"
     )
     for rhs, params in (
         (whole_array, {"k": k}),
