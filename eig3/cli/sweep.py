@@ -1,7 +1,7 @@
 """Run a problem for many values of its parameters, and measure each run. Write a table and a picture.
 
-The parameters have the names that they have in Python, as in `eig3.problems.duffing(omega=1.2)`; u0[1] and v0[1] are
-entries of the start. One or two --set make a grid.
+The parameters have the same names as in Python, as in `eig3.problems.duffing(omega=1.2)`; u0[1] and v0[1] are entries
+of the initial values. One or two --set make a grid.
 """
 
 from __future__ import annotations

@@ -105,8 +105,8 @@ class MappedRows:
             needed = sum(file.row_bytes for file in self._files.values()) * rows
             raise OSError(
                 error.errno,
-                f"the history in {self.directory} needs {needed:.3g} bytes for {rows} rows, and the disk is full "
-                f"({error.strerror}); free some space, or take a larger save_every or a directory on another disk",
+                f"the history in {self.directory} needs {needed:.3g} bytes for {rows} rows, and the disk has no "
+                f"space ({error.strerror}); free some, or take a larger save_every or a directory on another disk",
             ) from error
         self._refer()
 

@@ -50,7 +50,7 @@ def modal_solution(problem: Problem, t: ArrayLike, modes: int | None = None) -> 
         If an argument is not valid, or damping couples the modes.
     """
     if not isinstance(problem, Problem) or not {"size", "K"} <= set(getattr(problem._layout, "names", ())):
-        raise TypeError("problem must be one of eig3.linear with a stiffness K.")
+        raise TypeError("problem must be a problem of eig3.linear with a stiffness K.")
     if getattr(problem.rhs.py_func, "named", problem.rhs).py_func.__globals__.get("force") is not None:
         raise ValueError("the force of this problem is a function: the motion of its modes has no closed form.")
     count = None if modes is None else check_count(modes, "modes")
