@@ -337,7 +337,7 @@ def test_its_limit_is_that_of_verlet():
 def test_it_is_compared_with_no_other_method():
     assert "langevin" in eig3.METHODS
     assert "langevin" not in LIBRARY
-    with pytest.raises(ValueError, match=r"^methods must add no random numbers, and Langevin\(.*\) does: "):
+    with pytest.raises(ValueError, match=r"^methods must be deterministic, and Langevin\(.*\) adds random numbers: "):
         eig3.plan(eig3.problems.henon_heiles(), 1e-3, methods=["eig3", WARM])
 
 

@@ -229,13 +229,13 @@ M = np.ones(N)
 UNSYMMETRIC = K.toarray() + np.eye(N, k=2)
 BAD = [
     ({"M": np.ones((2, 3))}, ValueError, r"M must be a square matrix, not one of the shape \(2, 3\)"),
-    ({"M": np.zeros(N)}, ValueError, "M must have positive, finite masses, but that of degree of freedom 0 is 0"),
+    ({"M": np.zeros(N)}, ValueError, "M must have positive, finite masses, but the mass of degree of freedom 0 is 0"),
     (
         {"M": np.diag([1.0, 1, 1, 1, 1, 0])},
         ValueError,
-        "M must have positive, finite masses, but that of .* 5 is 0",
+        "M must have positive, finite masses, but the mass of .* 5 is 0",
     ),
-    ({"M": np.ones((N, N))}, ValueError, "M must be positive definite: some motion has no mass, or a negative one"),
+    ({"M": np.ones((N, N))}, ValueError, "M must be positive definite, but a motion has zero or negative mass"),
     ({"M": consistent() - scipy.sparse.eye_array(N)}, ValueError, "M must be positive definite"),
     ({"M": UNSYMMETRIC}, ValueError, r"M must be symmetric, but M\[0, 2\] and M\[2, 0\] differ"),
     ({"M": []}, ValueError, "M must have at least one degree of freedom, but it is empty"),
@@ -362,7 +362,7 @@ def test_modal_solutions_of_changed_problems_and_of_some_modes():
         first, _ = eig3.structures.modal_solution(changed, t, modes=1)
         np.testing.assert_allclose(first, np.outer(u @ shapes[:, 0], shapes[:, 0]), rtol=0, atol=1e-12)
     for bad, error, message in (
-        (eig3.problems.bouncing_ball(), TypeError, r"problem must be one of eig3\.linear"),
+        (eig3.problems.bouncing_ball(), TypeError, r"problem must be a problem of eig3\.linear"),
         (
             problem.with_(params=problem.params._replace(C=np.diag(1.0 + np.arange(N)) * scipy.sparse.eye_array(N))),
             ValueError,
