@@ -453,9 +453,9 @@ def joined_to_itself(joint, *arguments):
 BAD_VALUES = {
     "inertia of a body in the plane must be a positive number": lambda: in_plane((1.0, 2.0, 3.0)),
     "positive principal moments, each at most the sum of the others": lambda: in_space((1.0, 1.0, 2.00001)),
-    "each principal moment positive": lambda: in_space((0.0, 0.0, 0.0)),
-    "principal moment positive and": lambda: in_space((0.0, 1.0, 1.0)),
-    "positive and at most": lambda: in_space((1.0, 1.0, -1.0)),
+    "positive principal moments": lambda: in_space((0.0, 0.0, 0.0)),
+    "positive principal moments, each": lambda: in_space((0.0, 1.0, 1.0)),
+    "inertia of a body must have positive": lambda: in_space((1.0, 1.0, -1.0)),
     "3 principal moments or a symmetric 3 x 3 matrix": lambda: in_space(1.0),
     "rotation of a body in 2 dimensions must be an angle in rad": lambda: in_plane(rotation=(0.0, 0.0, 0.0, 1.0)),
     "rotation of a body in 3 dimensions must be a quat": lambda: in_space(rotation=[[2, 0, 0], [0, 2, 0], [0, 0, 2]]),

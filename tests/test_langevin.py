@@ -366,7 +366,7 @@ def test_a_scene_gives_its_masses():
     stepper = problem.stepper(h=0.05, method=method)
     stepper.advance(240)
     np.testing.assert_array_equal(stepper.v, run.v[-1])
-    message = "^mass of Langevin must be that of the degrees of freedom of scene: leave it out"
+    message = "^mass of Langevin must equal the masses of scene: leave it out"
     for wrong in (1.0, masses, np.tile(masses[::-1], 3)):
         with pytest.raises(ValueError, match=message):
             problem.integrate(h=0.05, method=eig3.Langevin(**options, mass=wrong))
