@@ -344,9 +344,12 @@ def test_functions_of_another_run_are_refused(tmp_path):
     assert eig3.load(again, rhs=oscillator, **options).extend(3.0).success
     bad = [
         ({}, "events must have the same names as in the run: 'wall', 'fast'"),
-        ({**options, "events": {**EVENTS, "more": EVENTS["fast"]}}, "events must have the names"),
+        ({**options, "events": {**EVENTS, "more": EVENTS["fast"]}}, "events must have the same names"),
         ({"events": EVENTS}, "invariants must have the same names as in the run: 'energy'"),
-        ({**options, "outputs": {"forces": (forces, 2)}}, "outputs must have the names .* 'forces', 'energy / kg'"),
+        (
+            {**options, "outputs": {"forces": (forces, 2)}},
+            "outputs must have the same names .* 'forces', 'energy / kg'",
+        ),
         ({**options, "jacobian": oscillator}, "the run has none: leave out jacobian"),
     ]
     for functions, message in bad:

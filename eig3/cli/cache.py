@@ -17,7 +17,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--fill",
         nargs="*",
         metavar="USE",
-        help="compile what the main uses need, on all cores, such as eig3, rk8-tolerances, ensembles or grains",
+        help="compile the code of the main uses, on all cores, such as eig3, rk8-tolerances, ensembles or grains",
     )
     parser.set_defaults(run=run)
 

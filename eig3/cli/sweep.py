@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from ..options import add_out, count
 from .problem import add_method_and_end, add_problem, builder
 
-SUMMARY = "run a problem for many values of its parameters, and draw what they change"
+SUMMARY = "run a problem for many values of its parameters, and draw the results"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -85,17 +85,15 @@ def ensemble(
     h : float or array_like, shape (m,)
         The fixed step. If it does not divide the span, the run takes the next shorter step that does. Or take rtol.
     params : array_like, shape (k,) or (m, k); or NamedTuple or dict
-        The parameters. rhs gets the parameters of a member as p, of shape (k,). With named parameters, each array whose
-        first axis has the length m has a value for each member; an error is raised if rhs could also take it as a
-        whole.
+        The parameters. rhs gets the parameters of a member as p, of shape (k,). A named array whose first axis has the
+        length m has a value for each member; it is refused if rhs could take it as a whole.
     rtol, atol, method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps, progress, cancel
         As for `eig3.integrate`. By default only the first and the last state are saved.
     threads : int
         Number of threads; by default all cores that the process may use.
     executor : concurrent.futures.Executor
-        Run the ensemble in parts on the workers of this executor, such as a `ProcessPoolExecutor` that spawns, or the
-        executor of a dask.distributed Client. A part whose worker dies runs again. Each part takes one thread, or
-        `threads`.
+        Run parts on the workers of this executor, such as a `ProcessPoolExecutor` that spawns, or the executor of a
+        dask.distributed Client. If a worker dies, its part runs again. A part has one thread, or `threads`.
     reduce : callable
         ``reduce(part)`` gets the `EnsembleSolution` of a part, whose `first` is the number of its first member, and
         returns the values that you need. It runs on the worker of the part, whose states are then discarded. With an

@@ -200,7 +200,7 @@ class Pilots:
         return self._stepper(EIG3(), self.span).acceleration
 
     def forget_survey(self) -> None:
-        """Forget the states of runs of the whole span, because they are unstable."""
+        """Discard the states of runs of the whole span, because they are unstable."""
         if self.part == 1:
             self._survey = None
 

@@ -181,7 +181,7 @@ class Plan:
         begin, end = self.window
         if (begin, end) == tuple(self.problem.t_span):
             return []
-        later = f"; what follows t = {self.seen:g} is not known" if self.seen < self.problem.t_span[1] else ""
+        later = f"; the motion after t = {self.seen:g} is not known" if self.seen < self.problem.t_span[1] else ""
         return [f"  The pilot runs are from t = {begin:g} to {end:g}, and errors are extrapolated{later}."]
 
 

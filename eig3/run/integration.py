@@ -67,8 +67,7 @@ def integrate(
         The parameters. rhs gets them as p, a one-dimensional array of float64, or with their names, as ``p.k``.
     method : str or Method
         A name in `eig3.METHODS` such as "eig9", or a record such as ``EIG3(alpha=1.2)``; by default "eig3". With rtol:
-        "rk5", "rk8", "eig3" or "rkn12". The default is then "rkn12" for rtol up to 1e-6 if rhs ignores v, otherwise
-        "rk8" for rtol below 1e-4, and "rk5".
+        "rkn12" (default up to 1e-6 if rhs ignores v), "rk8" (default below 1e-4), "rk5" or "eig3".
     save_every : int or None
         Save every `save_every`-th state, the first and the last. None saves only the first and the last.
     t_eval : array_like, shape (m,)

@@ -67,7 +67,7 @@ class Effect:
         The changes of sign at which the event occurs: 1 from negative to positive only, -1 from positive to negative
         only, 0 both.
     source : str
-        Where the formula comes from.
+        The source of the formula in the literature.
     picture : str
         What animations draw: for a `Link` a "line", a "spring", a "string" until its state is no longer 0, "discs"
         around its ends that touch at the field contact_distance, or nothing for ""; for a `Body` a "plane" with the

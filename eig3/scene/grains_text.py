@@ -124,7 +124,7 @@ class GrainsText(PairForceText):
             self._line("fx = tension * nx + sx", *self._box.power())
 
     def begin(self) -> None:
-        """Forget all springs."""
+        """Clear all springs."""
         self._line(f"kept, springs = memory(p), index({self._springs_at})")
         self._views_of("held", f"index({self._springs_at + grains.HEAD})")
         with self._block(f"for k in range({self.listing.masses})"):

@@ -207,7 +207,7 @@ class Observer:
             tally[LOGGED] = 0
 
     def forget_from(self, n_found: int) -> None:
-        """Forget the occurrences since there were `n_found` of them."""
+        """Discard the occurrences after the first `n_found`."""
         if n_found < self.n_found:
             self._found, self.n_found = [np.concatenate(self._found)[:n_found]], n_found
 
