@@ -35,6 +35,12 @@ class Rayleigh:
     ------
     TypeError, ValueError
         If a ratio is negative, or the frequencies are not positive and different.
+
+    Notes
+    -----
+    Other codes: OpenSees ``rayleigh(alphaM, betaK, 0, 0)``, with a and b in `coefficients`.
+
+    Not included: corotational frames, and a K that changes in the run.
     """
 
     xi: Any
@@ -71,6 +77,14 @@ class Modal:
     ------
     TypeError, ValueError
         If a ratio is negative, or the numbers do not match.
+
+    Notes
+    -----
+    Formula: C = sum over the modes of 2 xi omega (M phi) (M phi)^T, for modes phi with phi^T M phi = 1.
+
+    Other codes: OpenSees ``modalDamping``.
+
+    Not included: modes that change in the run.
     """
 
     xi: ArrayLike
