@@ -1,4 +1,4 @@
-"""eig3: explicit integration of second-order systems u'' = f(t, u, u') in compiled loops."""
+"""eig3: explicit time integration of second-order systems u'' = f(t, u, u') in compiled code."""
 
 import importlib
 from typing import Any

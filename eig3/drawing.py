@@ -1,6 +1,6 @@
 """Draw a run on a matplotlib figure: panels against time at the right, other pictures at the left.
 
-Every function works on the figure it is given, so that this module does not import matplotlib.
+Every function draws on a given figure, and this module does not import matplotlib.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'ei
 
 _AGAINST_TIME = "against time"  # label of the axes of panels against time
 _LINES = 6  # largest number of degrees of freedom in one panel
-_FEW = 40  # a line through fewer states than this also has a dot at each state
+_FEW = 40  # a line through fewer states also has dots
 _MANY, _PERIODS = 80, 25  # if a run has more than 80 periods, only the first 25 are shown
-_GROWTH = 5.0  # states larger than this multiple of the size of the motion belong to the growth
-_BLOW_UP = 1e3  # a run that grows by less than this factor is drawn to its end
-_TAIL = 8  # least number of states of the growth that are shown
+_GROWTH = 5.0  # larger states, relative to the size of the motion, belong to the growth
+_BLOW_UP = 1e3  # a run with less growth is drawn to its end
+_TAIL = 8  # least number of visible states of the growth
 
 
 def time_panel(figure: Any, ylabel: str) -> Any:
-    """Add a panel below the others against time; all of them share the time axis.
+    """Add a panel against time below the others, with a shared time axis.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def time_panels(figure: Any) -> list[Any]:
 
 
 def picture(figure: Any, **options: Any) -> Any:
-    """Add a picture at the left of the panels against time; `options` are those of ``figure.add_subplot``.
+    """Add a picture at the left of the panels against time; `options` go to ``figure.add_subplot``.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def _arrange(figure: Any) -> None:
 
 
 def legend(axes: Any) -> None:
-    """Put the legend outside, where it hides no line: at the right of a panel against time, above a picture."""
+    """Put the legend outside of the axes: at the right of a panel against time, above a picture."""
     if axes.get_label() == _AGAINST_TIME:
         axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
     else:
@@ -96,7 +96,7 @@ def oscillator(figure: Any, solution: Solution, units: tuple[str, str] = ("m", "
     ----------
     figure : matplotlib.figure.Figure
     solution : Solution
-        Its u and v have shape (m,).
+        A run with u and v of shape (m,).
     units : (str, str)
         Units of displacement and velocity.
     """
@@ -112,7 +112,7 @@ def oscillator(figure: Any, solution: Solution, units: tuple[str, str] = ("m", "
 
 
 def first_periods(figure: Any, solution: Solution, v: np.ndarray) -> None:
-    """Limit the time axis to the first periods of the velocity v, shape (m,), if all of them would be a solid band."""
+    """Limit the time axis to the first periods of the velocity v, shape (m,), if all periods would be a solid band."""
     turns = np.flatnonzero(np.diff(np.signbit(v)))
     if len(turns) > 2 * _MANY and solution.success:  # the end of a failed run must stay visible
         highest = time_panels(figure)[0]
@@ -133,7 +133,7 @@ def plane(
     labels: tuple[str, str] = ("x (m)", "y (m)"),
     fixed: str = "",
 ) -> Any:
-    """Add a picture of paths in a plane, each (x, y) by its name; `fixed` names what stays at the origin.
+    """Add a picture of paths in a plane, each (x, y) by its name; `fixed` is the name of the body at the origin.
 
     Returns
     -------
@@ -152,16 +152,16 @@ def plane(
 def histories(figure: Any, solution: Solution, names: Sequence[str] = (), units: tuple[str, str] | None = None) -> None:
     """Draw the displacements and the velocities of the first degrees of freedom against time.
 
-    Those of different units have different panels.
+    Degrees of freedom with different units have different panels.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
     solution : Solution
     names : sequence of str
-        Names of the degrees of freedom; those of the problem if not given, or else u0, u1, ...
+        Names of the degrees of freedom; by default the names in the problem, or u0, u1, ...
     units : (str, str), optional
-        Units of displacement and velocity; those of the problem if not given.
+        Units of displacement and velocity; by default the units in the problem.
     """
     labels = solution.labels or Labels()
     u, v = (x.reshape(len(solution.t), -1)[:, :_LINES] for x in (solution.u, solution.v))
@@ -184,7 +184,7 @@ def field(figure: Any, solution: Solution, places: np.ndarray, label: str, units
     ----------
     figure : matplotlib.figure.Figure
     solution : Solution
-        Its u and v have shape (m, n).
+        A run with u and v of shape (m, n).
     places : ndarray, shape (n,)
         Positions of the masses, in ascending order.
     label : str
@@ -193,14 +193,14 @@ def field(figure: Any, solution: Solution, places: np.ndarray, label: str, units
         Units of displacement and velocity.
     """
     t, middle = solution.t, (places[1:] + places[:-1]) / 2
-    # The edges of the cells. The last time step may be shorter than the others, and a single state needs a width too.
+    # The edges of the cells. The last time step may be shorter than the others, and a single state also needs a width.
     times = np.concatenate([t[:1], (t[1:] + t[:-1]) / 2, [max(t[-1], t[0] + solution.h)]])
     edges = np.concatenate([[2 * places[0] - middle[0]], middle, [2 * places[-1] - middle[-1]]])
     for values, name, unit in ((solution.u, "displacement", units[0]), (solution.v, "velocity", units[1])):
         size = np.abs(values).max() or 1.0
         axes = time_panel(figure, label)
         image = axes.pcolorfast(times, edges, values.T, cmap="RdBu_r", vmin=-size, vmax=size)
-        # The colour bar is a child of the panel, so that the panel stays as wide as panels without a colour bar.
+        # As a child of the panel, the colour bar does not change the width of the panel.
         bar = axes.inset_axes((1.02, 0, 0.02, 1))
         bar.figure.colorbar(image, cax=bar, label=f"{name} ({unit})")
 
@@ -219,9 +219,8 @@ def before_growth(solution: Solution) -> Solution:
 def _motion(values: np.ndarray) -> int:
     """Return the number of states before the growth.
 
-    These states are at most `_GROWTH` times as large as the size that the motion has for the longest time. An
-    instability grows by a constant factor per step, so that it does not stay near any size for long. The motion before
-    it does.
+    These states are at most `_GROWTH` times as large as the size that lasts longest. An instability grows by a constant
+    factor per step, and does not stay near any size for long, but the motion before it does.
     """
     size = np.maximum.accumulate(_sizes(values))
     level, begin = np.unique(size, return_index=True)
@@ -230,8 +229,8 @@ def _motion(values: np.ndarray) -> int:
         return len(size)
     logarithm = np.log(level)
     lasts = np.interp(logarithm + np.log(_GROWTH), logarithm, begin) - begin
-    # Take the first size that lasts about as long as the longest. If the run grows from its start, all sizes last
-    # equally long.
+    # Take the first size that lasts about as long as the size that lasts longest. If the run grows from its start, all
+    # # sizes last equally long.
     scale = level[np.argmax(lasts >= 0.75 * lasts.max())]
     return int(np.searchsorted(size / scale, _GROWTH, side="right")) if size[-1] / scale > _BLOW_UP else len(size)
 
@@ -252,7 +251,7 @@ def growth(figure: Any, solution: Solution, n: int) -> None:
 
 
 def mark(figure: Any, t: float, name: str) -> None:
-    """Draw a line at time t across all panels against time; `name` says what happens there."""
+    """Draw a line at time t across all panels against time; `name` is the event there."""
     panels = time_panels(figure)
     for axes in panels:
         axes.axvline(t, color="C3", linestyle="--", linewidth=1)

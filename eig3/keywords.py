@@ -1,4 +1,4 @@
-"""Errors for unknown keywords: they name the argument that is meant, also by the names that other codes have for it."""
+"""Errors for unknown keywords, which suggest the right argument, also for the names of other codes."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 F = TypeVar("F", bound=Callable[..., Any])
 
 _UNKNOWN = re.compile(r"(?:got an unexpected keyword argument|has no argument) '(\w+)'")
-_INTERNAL = {"self", "layout", "labels", "quadratures"}  # what only the library itself gives
+_INTERNAL = {"self", "layout", "labels", "quadratures"}  # arguments for internal use
 
-#: What other codes call an argument, by its name here.
+#: The names of an argument in other codes, by its name here.
 _ELSEWHERE = {
     "E": "young youngs_modulus young_modulus modulus",
     "D": "D0 De depth epsilon eps",
@@ -74,7 +74,7 @@ _ELSEWHERE = {
 
 
 def refusal(owner: str, keyword: str, known: Collection[str]) -> TypeError:
-    """Return the error for an unknown keyword of `owner`, which names the argument that is meant, or all of them."""
+    """Return the error for an unknown keyword of `owner`, which suggests similar arguments, or names all arguments."""
     meant = [name for name in known if keyword in _ELSEWHERE.get(name, "").split()]
     meant = meant or difflib.get_close_matches(keyword, known, n=1)
     remedy = f"did you mean {' or '.join(meant)}?" if meant else f"its arguments are {', '.join(known)}."
@@ -82,7 +82,7 @@ def refusal(owner: str, keyword: str, known: Collection[str]) -> TypeError:
 
 
 def refuse_unknown(record: type, given: Collection[str]) -> None:
-    """Refuse keywords that are no fields of a dataclass."""
+    """Refuse keywords that are not fields of a dataclass."""
     known = [field.name for field in getattr(record, "__dataclass_fields__", {}).values() if field.init]
     for keyword in given:
         if keyword not in known:
@@ -90,12 +90,12 @@ def refuse_unknown(record: type, given: Collection[str]) -> None:
 
 
 def with_suggestions(*further: Callable) -> Callable[[F], F]:
-    """Return a decorator for functions, or for classes and their public methods, that suggests what a keyword means.
+    """Return a decorator for functions, or for classes and their public methods, that suggests the right keyword.
 
     Parameters
     ----------
     *further : function
-        Those that get the options that the function takes as `**options`.
+        The functions to which the `**options` are passed.
     """
 
     def decorated(public: Any) -> Any:
@@ -124,7 +124,7 @@ def with_suggestions(*further: Callable) -> Callable[[F], F]:
 
 
 def _names(*functions: Callable) -> list[str]:
-    """Return the names of the arguments of functions that users may give by keyword."""
+    """Return the names of the keyword arguments of functions."""
     parameters = [x for f in functions for x in inspect.signature(f).parameters.values()]
     named = (x.name for x in parameters if x.kind in (x.POSITIONAL_OR_KEYWORD, x.KEYWORD_ONLY))
     return [name for name in dict.fromkeys(named) if name not in _INTERNAL]

@@ -1,8 +1,8 @@
-"""Elementary functions for right-hand sides, without branches or calls, so that a loop over them is vectorised.
+"""Elementary functions for right-hand sides, without branches or calls: the compiler vectorises loops over them.
 
-``math.sin`` and its kind call the C library once for each number, also inside a loop over many members. The functions
-here are arithmetic only: LLVM computes several numbers with each instruction. They work in every function compiled by
-Numba, and can be called from Python.
+``math.sin`` and similar functions call the C library once for each number, also inside a loop over many members. The
+functions here use only arithmetic: LLVM computes several numbers with each instruction. They work in every function
+compiled by Numba, and can be called from Python.
 """
 
 from .kernels.elementary import cos, exp, log, sin, sincos, sqrt, tanh

@@ -16,14 +16,14 @@ import numpy as np
 from .kernels.loops.formulas import Formulas, formulas
 from .keywords import refuse_unknown
 
-#: Largest number of degrees of freedom n for which "auto" changes to Newton's method, whose differences take n + 1
+#: Largest number of degrees of freedom n for which "auto" changes to Newton's method, whose differences need n + 1 #:
 #: evaluations in each iteration.
 _MOST_DIFFERENCES = 64
 
 _LARGEST = sys.float_info.max
-_LARGEST_COUNT = 2**53  # whole numbers up to this one are floats
+_LARGEST_COUNT = 2**53  # all whole numbers up to this are floats
 
-#: The record class of every method, by its short name. A class is added here when it is defined.
+#: The class of every method, by its short name. A class is added here when it is defined.
 METHODS: dict[str, Any] = {}
 
 
@@ -36,7 +36,7 @@ class Method:
     Attributes
     ----------
     name : str
-        The short name. As a `method`, it stands for the record with its default options.
+        The short name. As a `method`, it selects the method with default options.
     label : str
         The name in tables and pictures.
     order : int
@@ -46,7 +46,8 @@ class Method:
     kernel : str
         The name of the module that holds the formulas. `eig3.kernels` describes what such a module contains.
     member : tuple
-        For a family of methods, the arguments of the module's function `member`, which returns the formulas of one.
+        For a family of methods, the arguments of the module's function `member`, which returns the formulas of a
+        member.
     variable : str
         The name of the file of kernels with the formulas for steps of variable length; empty if there are none.
     ignores_velocity : bool
@@ -56,14 +57,14 @@ class Method:
     jacobian : jitted function or None
         df/dv, for a method that can use it.
     takes_constraints : bool
-        Whether the method can take the steps of a scene with constraints.
+        Whether the method supports scenes with constraints.
     second : str
-        The kind of the second callback, if the method has another one than a jacobian.
+        The kind of the second callback, if it is not a jacobian.
 
     Raises
     ------
     ValueError
-        If another method has the name already. It is raised when the subclass is defined.
+        If another method already has the name; raised when the subclass is defined.
     """
 
     name: ClassVar[str]
@@ -89,7 +90,7 @@ class Method:
             return  # a variant of another record, or a family of methods
         name = cls.name.lower()
         known = METHODS.get(name)
-        # A notebook may run the same definition twice. Two different methods must not share a name.
+        # A notebook may run the same definition twice, but two different methods must not share a name.
         if known and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
             raise ValueError(f"name {name!r} is taken by {known.__qualname__}; give {cls.__qualname__} another name.")
         METHODS[name] = cls
@@ -109,42 +110,42 @@ class Method:
         return self.settings
 
     def of_member(self, member: int) -> "Method":
-        """Return the record that takes the steps of the member of an ensemble with this number."""
+        """Return the method for the member of an ensemble with this number."""
         return self
 
     def for_masses(self, masses: "np.ndarray", owner: str) -> "Method":
-        """Return the record for degrees of freedom with these masses, those of the problem `owner`."""
+        """Return the method for degrees of freedom with these masses of the problem `owner`."""
         return self
 
     def without_noise(self) -> "Method":
-        """Return the record whose steps add no random numbers, and have the same limit of stability."""
+        """Return the deterministic method with the same stability limit."""
         return self
 
     def for_force(self, reads_velocity: bool, n: int) -> "Method":
-        """Return the record that takes the steps for n degrees of freedom, with every option "auto" decided."""
+        """Return the method for n degrees of freedom, with every option "auto" decided."""
         return self
 
     def with_constraints(self) -> "Method":
-        """Return the record that takes the steps if the right-hand side has constraints.
+        """Return the method for a right-hand side with constraints.
 
-        By default the steps are the same: the accelerations know the constraints, and the state is projected after each
-        step.
+        By default the steps are the same: the accelerations include the reactions, and the state is projected after
+        each step.
 
         Raises
         ------
         ValueError
-            If there is none.
+            If the method does not support constraints.
         """
         if not self.takes_constraints:
-            raise ValueError(f"method {self.name!r} has no steps with constraints: take another one, such as 'eig3'.")
+            raise ValueError(f"method {self.name!r} does not support constraints: take another method, such as 'eig3'.")
         return self
 
     def fallback(self, n: int) -> "Method | None":
-        """Return the record that takes over when the solve of a step does not converge; None if there is none."""
+        """Return the method to use after the solve of a step has not converged; None if there is none."""
         return None
 
     def without_velocity(self) -> "Method":
-        """Return the best record of this method for a force that does not depend on the velocity."""
+        """Return the best variant of this method for a force that does not depend on the velocity."""
         return self
 
     @property
@@ -183,12 +184,12 @@ class EIG3(_MayIgnoreVelocity):
         Weights of a_n - a_{n-1} in the displacement and in the velocity. The order is 2 if beta is 1/2, and 1
         otherwise. For an undamped oscillator of frequency omega, the set (1, 1/2) has no numerical damping and, of all
         second-order sets, the largest stable step, h < 2 / omega. With beta = 1/2, a larger alpha damps the high
-        frequencies numerically, and a smaller alpha makes every step unstable unless the system itself is damped.
+        frequencies numerically, and a smaller alpha makes every step unstable without physical damping.
     velocity : {"auto", "explicit", "none"}
         "explicit" allows any force. "none" is for a force that does not depend on the velocity: the set (1, 1/2) then
-        computes the same u and v, but reads and writes fewer arrays. A force whose value at the start depends on the
-        velocity is refused. "auto" chooses "none" if the code of the right-hand side never uses its argument v, and
-        "explicit" otherwise.
+        computes the same u and v, but reads and writes fewer arrays; a force whose value at the start depends on the
+        velocity raises an error. "auto" chooses "none" if the code of the right-hand side never uses its argument v,
+        and "explicit" otherwise.
 
     Raises
     ------
@@ -232,7 +233,7 @@ class EIG3(_MayIgnoreVelocity):
 
 @dataclass(frozen=True)
 class _EIG3WithConstraints(EIG3):
-    """EIG-3 (1, 1/2) with accelerations that do not know the constraints, and multipliers that keep them."""
+    """EIG-3 (1, 1/2) with accelerations without reactions, and multipliers that enforce the constraints."""
 
     second: ClassVar[str] = "leap"
 
@@ -250,22 +251,22 @@ class CentralDifference(Method):
     velocity : {"auto", "implicit", "none", "lagged"}
         "implicit" solves v = w + h/2 f(t, u, v) at every step, where w is the velocity half a step earlier. It has
         second order for every force. "none" is for a force that does not depend on the velocity: it takes one
-        evaluation per step and no solve. A force whose value at the start depends on the velocity is refused. "auto"
-        chooses "none" if the code of the right-hand side never uses its argument v, and "implicit" otherwise.
-        "lagged" passes w to f in place of v: it is explicit, but only of first order. Use it for comparisons only.
+        evaluation per step and no solve; a force whose value at the start depends on the velocity raises an error.
+        "auto" chooses "none" if the code of the right-hand side never uses its argument v, and "implicit" otherwise.
+        "lagged" passes w to f instead of v: it is explicit, but only of first order. Use it only for comparisons.
     solver : {"auto", "newton", "fixed-point"}
-        How "implicit" solves for v. Newton's method also converges if h df/dv is large. Fixed-point iteration is
+        The solver of "implicit" for v. Newton's method also converges if h df/dv is large. Fixed-point iteration is
         cheaper if h df/dv is small. "auto" uses Newton's method if there is a jacobian. Otherwise it starts with
         fixed-point iteration, and changes to Newton's method for the rest of the run at the first step in which the
         iteration does not converge, or needs more evaluations than Newton's method would. With more than 64 degrees of
         freedom it does not change.
     jacobian : jitted function, optional
         df/dv for Newton's method. For n degrees of freedom, ``jacobian(t, u, v, p, J)`` writes the entries of the
-        n x n array J that are not zero; J is set to zero before each call. For one degree of freedom,
+        n x n array J that are not zero; J is zero before each call. For one degree of freedom,
         ``jacobian(t, u, v, p)`` returns a float. Without a jacobian, differences of f approximate df/dv.
     tol : float
         Relative tolerance of v. The iteration ends when the residual of v is at most tol (|v| + |w|), where the
-        residual, |v| and |w| are summed over the degrees of freedom. It also ends when the residual no longer falls
+        residual, |v| and |w| are summed over the degrees of freedom. It also ends when the residual no longer decreases
         and changes u by less than the round-off of u. A degree of freedom much smaller than the others gets a larger
         relative error: scale the unknowns if their units differ.
     max_iterations : int
@@ -328,8 +329,8 @@ class CentralDifference(Method):
             return self.without_velocity()
         if not self._solver_is_open:
             return self
-        # A step by Newton's method with differences takes some 2 n + 3 evaluations. Fixed-point iteration takes one
-        # evaluation per iteration, so it stops paying at about twice this number.
+        # A step by Newton's method with differences takes about 2 n + 3 evaluations. Fixed-point iteration takes one #
+        # evaluation per iteration, and stops paying at about twice this number.
         return dataclasses.replace(self, solver="fixed-point", max_iterations=min(self.max_iterations, 8 + 4 * n))
 
     def fallback(self, n: int) -> Method | None:
@@ -348,10 +349,10 @@ class CentralDifference(Method):
 
 
 class _NamedAsClass(Method):
-    """Base class of the records without options. Name, label and kernel have the name of the class."""
+    """Base class of the methods without options. Name, label and kernel have the name of the class."""
 
     def __init_subclass__(cls, **facts: Any) -> None:
-        if facts:  # a subclass of RK4 keeps what it inherits
+        if facts:  # a subclass of RK4 inherits these
             cls.name, cls.label = cls.__name__.lower(), cls.__name__
             cls.kernel = f"eig3.kernels.methods.{cls.name}"
             for name, value in facts.items():
@@ -403,7 +404,7 @@ class EIG(_MayIgnoreVelocity):
     Parameters
     ----------
     grade : int
-        From 3 to 13. In grade 3, u is that of ``EIG3()``; v is synchronised with u.
+        From 3 to 13. Grade 3 computes the same u as ``EIG3()``; v is synchronised with u.
     velocity : {"auto", "explicit", "none"}
         As for `EIG3`: "none" is for a force that does not depend on the velocity, and skips its prediction.
 
@@ -450,35 +451,35 @@ def _is_mass(m: Any) -> bool:
 
 @dataclass(frozen=True)
 class Langevin(Method):
-    """BAOAB, for u'' = f(t, u) - gamma v + noise of a temperature: Leimkuhler and Matthews (2013).
+    """BAOAB, for Langevin's equation u'' = f(t, u) - gamma v + thermal noise: Leimkuhler and Matthews (2013).
 
     Parameters
     ----------
     gamma : float
         Friction, 1/s.
     temperature : float
-        k_B T in units of energy, such as J. The noise is such that a motion in a potential m phi(u), with f = -phi',
-        comes to the distribution exp(-(m v^2/2 + m phi) / (k_B T)).
+        k_B T in units of energy, such as J. A motion in a potential m phi(u), with f = -phi', approaches the
+        distribution exp(-(m v^2/2 + m phi) / (k_B T)).
     mass : float or sequence of float, optional
-        The mass m of all degrees of freedom, or that of each, such as in kg: f is the force divided by it. An infinite
-        one has no noise. By default 1; the problem of a scene gives its masses, and refuses others.
+        The mass m of all degrees of freedom, or of each degree of freedom, such as in kg: f is the force divided by it.
+        An infinite mass has no noise. By default 1; the problem of a scene provides its masses, and refuses others.
     seed, stream : int
-        Whole numbers from 0 to 2^53. A random number depends on them, the step index and the degree of freedom only.
-        Member i of an ensemble has the stream `stream` + i, where i is its number in the whole ensemble.
+        Whole numbers from 0 to 2^53. A random number depends only on seed, stream, the step index and the degree of
+        freedom. Member i of an ensemble has the stream `stream` + i, where i is its number in the whole ensemble.
 
     Raises
     ------
     ValueError
-        If an option is not valid, or the number of masses is not that of the degrees of freedom.
+        If an option is not valid, or the number of masses differs from the number of degrees of freedom.
 
     Notes
     -----
-    By default there is neither friction nor noise: the method is then velocity Verlet. The order is 2, also that of
+    By default there is neither friction nor noise: the method is then velocity Verlet. The order is 2, also for
     averages. For an oscillator, the variance of u is k_B T / (m omega^2) at every step up to the limit omega h = 2, and
-    that of v is k_B T / m (1 - (omega h)^2 / 4). With large friction, averages over u have the order 4.
+    the variance of v is k_B T / m (1 - (omega h)^2 / 4). With large friction, averages over u have the order 4.
 
-    f must not read the velocity: a force that does has another distribution, and BAOAB another order. States within a
-    step, for `t_eval` and events, are interpolated, without noise of their own.
+    f must not read the velocity: such a force has another distribution, and BAOAB another order. States within a step,
+    for `t_eval` and events, are interpolated without additional noise.
     """
 
     gamma: float = 0.0
@@ -524,7 +525,7 @@ class Langevin(Method):
 
     def for_masses(self, masses: "np.ndarray", owner: str) -> Method:
         if self.mass is not None and not (np.size(self.mass) in (1, masses.size) and np.all(masses == self.mass)):
-            raise ValueError(f"mass of Langevin must be that of the degrees of freedom of {owner}: leave it out.")
+            raise ValueError(f"mass of Langevin must equal the masses of {owner}: leave it out.")
         is_same = bool((masses == masses[0]).all())
         return dataclasses.replace(self, mass=float(masses[0]) if is_same else masses.tolist())
 
@@ -537,12 +538,12 @@ class Langevin(Method):
         return self
 
 
-#: The names of the library's own methods that add no random numbers. `METHODS` also contains those that do, and the
-#: methods that a user defines.
+#: The names of the deterministic methods of the library. `METHODS` also contains stochastic methods, and methods that
+#: #: a user defines.
 LIBRARY: tuple[str, ...] = tuple(name for name, record in METHODS.items() if not record().is_stochastic)
 
 
-#: The forms of CD that tables name, by the letters of their labels.
+#: The variants of CD in tables, by the letters of their labels.
 _FORMS = {
     form: functools.partial(CentralDifference, solver=solver)
     for solver, forms in {"newton": ("cdnewton", "cdn"), "fixed-point": ("cdfixedpoint", "cdfp")}.items()
@@ -557,7 +558,8 @@ def named(text: str) -> tuple[Any, bool] | None:
     Returns
     -------
     (callable, bool) or None
-        What makes the record, and whether the label is that of a run with tolerances; None if there is no such method.
+        The constructor of the method, and whether the label is for a run with tolerances; None if the method is
+        unknown.
     """
     name = text.strip().lower()
     if name in METHODS:
@@ -570,12 +572,12 @@ def named(text: str) -> tuple[Any, bool] | None:
 
 
 def nearest(text: str) -> list[str]:
-    """Return the names of methods that a text could have meant, the nearest first."""
+    """Return the names of methods that are similar to a text, the nearest first."""
     return difflib.get_close_matches(_letters(text), METHODS, n=3)
 
 
 def _letters(label: Any) -> str:
-    """Return the letters and digits of a name or label; of a label that is no text, none."""
+    """Return the letters and digits of a name or label; an empty text for other objects."""
     return re.sub(r"[\W_]", "", label.lower()) if isinstance(label, str) else ""
 
 
@@ -583,6 +585,6 @@ def shown(value: Any) -> str:
     """Return the repr of a value for an error message, cut to 60 characters."""
     try:
         text = " ".join(repr(value).split())
-    except ValueError:  # Python converts no integer of thousands of digits
+    except ValueError:  # Python does not convert integers with thousands of digits
         return "an integer of thousands of digits"
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,4 +1,4 @@
-"""Command-line options that several commands and benchmarks share, and the files that they write with `--out`."""
+"""Command-line options that commands and benchmarks share, and the files that they write with `--out`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-MOST_DIGITS = 15  # of a count; more members, steps or files fit in no memory
-_LONGEST = 100  # bytes of a file name without its ending; most systems allow 255 with it
+MOST_DIGITS = 15  # of a count; a larger number of members, steps or files does not fit in memory
+_LONGEST = 100  # bytes of a file name without its suffix; most systems allow 255 with it
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\.|$)", re.IGNORECASE)  # Windows takes these for devices
 
 
@@ -23,7 +23,7 @@ def count(text: str) -> int:
 
 
 def folder(text: str) -> Path:
-    """Convert the text of an option to a folder. Create it and write to it: errors are raised before the command runs.
+    """Convert the text of an option to a folder. Create it and test writing: errors are raised before the command runs.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def _usage_error(what: str) -> Iterator[None]:
 
 @contextmanager
 def _unfinished(path: Path) -> Iterator[Path]:
-    """Give a new folder in the folder `path`; remove it with all that is left in it."""
+    """Yield a new temporary folder in the folder `path`; remove it with its content."""
     with tempfile.TemporaryDirectory(dir=path, prefix="unfinished-") as place:
         yield Path(place)
 
@@ -63,7 +63,7 @@ def add_out(parser: argparse.ArgumentParser, text: str, *, required: bool = Fals
 
 
 class Files:
-    """The files that a command writes into the folder of `--out`. If one cannot be written, the others are still tried.
+    """The files that a command writes into the folder of `--out`. After an error, it still writes the others.
 
     Parameters
     ----------
@@ -75,13 +75,13 @@ class Files:
 
     def __init__(self, folder: Path, command: str) -> None:
         self.folder, self.command = folder, command
-        self._reasons: dict[str, str] = {}  # why each file could not be written; empty if it was
+        self._reasons: dict[str, str] = {}  # the reason why each file could not be written; empty if it was written
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
-        """Give the path at which to write the file `name`, and keep the reason if the system refuses.
+        """Yield the path for writing the file `name`, and keep the reason of an error of the system.
 
-        The file gets its place in the folder when it is complete. Until then an older one stays.
+        An existing file is replaced when the new file is complete.
         """
         try:
             with _unfinished(self.folder) as place:
@@ -94,7 +94,7 @@ class Files:
             self._reasons[name] = ""
 
     def finish(self, write: Callable[[str], None], note: str = "") -> None:
-        """Write the names of the files that are there, and `note`; then `check`."""
+        """Write the names of the written files, and `note`; then `check`."""
         written = ", ".join(name for name, reason in self._reasons.items() if not reason)
         write(f"\nWritten to {self.folder}: {written or 'nothing'}{note}")
         self.check()
@@ -109,7 +109,7 @@ class Files:
 
 
 def file_name(name: str) -> str:
-    """Convert any name to a readable file name without an ending. The file cannot leave its folder."""
+    """Convert any name to a readable file name without a suffix, inside the folder."""
     plain = re.sub(r"[^\w.+ -]", "_", name).strip(". ")
     plain = plain.encode()[:_LONGEST].decode(errors="ignore") or "problem"
     return f"_{plain}" if _DEVICE.match(plain) else plain
@@ -128,7 +128,7 @@ def add_methods(parser: argparse.ArgumentParser) -> None:
 
 
 def method_name(text: str) -> str:
-    """Convert the label of a method, such as EIG-3, to its name; leave other texts for the command to refuse."""
+    """Convert the label of a method, such as EIG-3, to its name; return other texts, which the command refuses."""
     from .methods import METHODS, named
 
     found = named(text)

@@ -1,4 +1,4 @@
-"""Second-order initial value problems, with their energy, exact solution and source where these are known."""
+"""Second-order initial value problems, with energy, exact solution and source if these are known."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ from .run.prepare import Prepared
 from .stepping.options import run_options
 from .stepping.stepper import Stepper
 
-#: Draws the response on a matplotlib figure.
+#: A function that draws the response on a matplotlib figure.
 Draw = Callable[[Any, Solution], None]
 
 _START = ("u0", "v0", "params")
-_OF_A_CALL = ("progress", "raise_on_failure", "cancel", "save_to")  # the options that belong to one run
+_OF_A_CALL = ("progress", "raise_on_failure", "cancel", "save_to")  # the options of a single run
 _ENERGY_EVERY = 100  # steps: to evaluate the energy often enough costs up to 5 % of a run
-_OF_RHS = ("rhs", "quadratures")  # these fields change only with the right-hand side
+_OF_RHS = ("rhs", "quadratures")  # fields that change only with the right-hand side
 
 
 @dataclass(frozen=True)
 class UnknownMotion:
-    """In place of an exact motion that is not known: it counts as false, and a call says why.
+    """A placeholder for an unknown exact motion: false in a condition; a call raises an error with the reason.
 
     Parameters
     ----------
     why : str
-        A sentence.
+        A sentence with the reason.
     """
 
     why: str
@@ -64,14 +64,14 @@ class UnknownMotion:
         raise ValueError(self.why)
 
     def again(self, params: Any, u0: Any, v0: Any, t0: float) -> UnknownMotion:
-        """Return what stands for the motion from another start."""
+        """Return the placeholder for the motion from other initial values."""
         return self
 
 
 @with_suggestions()
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A second-order initial value problem u'' = f(t, u, u'), with its energy and exact solution where they are known.
+    """A second-order initial value problem u'' = f(t, u, u'), with its energy and exact solution if they are known.
 
     Attributes
     ----------
@@ -79,53 +79,51 @@ class Problem:
     rhs : jitted function
         The acceleration, in one of the two forms that `eig3.integrate` takes.
     u0, v0 : float or array_like, shape (n,)
-        Displacement and velocity at ``t_span[0]``; these attributes are floats, or arrays that are copies.
+        Displacement and velocity at ``t_span[0]``; the attributes are floats, or copies of arrays.
     params : array_like; or NamedTuple or dict
-        The array p of rhs, energy and events, of which this attribute is a copy. If the parameters have names, these
-        functions get them as ``p.k``, and this attribute is of the type `eig3.Parameters`.
+        The parameters p of rhs, energy and events; the attribute is a copy. Functions read named parameters as ``p.k``,
+        and the attribute is then of the type `eig3.Parameters`.
     t_span : (float, float)
     energy : jitted function, optional
-        ``energy(t, u, v, p) -> float``, constant along the exact solution. `integrate` follows it as the invariant
+        ``energy(t, u, v, p) -> float``, constant along the exact solution. `integrate` evaluates it as the invariant
         "energy", after about every hundredth step.
     energy_unit : str
         Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
     units : str or tuple of str
-        Unit of the displacements, or of each of them; "-" for a number without a unit.
+        Unit of all displacements, or of each displacement; "-" for a dimensionless number.
     names : tuple of str
         The name of each degree of freedom, such as "x0"; empty if they have no names.
     exact : callable, optional
-        ``exact(t) -> (u, v)`` for an array of times. One that is not known counts as false: None, or what says in an
-        error why it is not known.
+        ``exact(t) -> (u, v)`` for an array of times. If it is not known, it is false in a condition: None, or a
+        placeholder whose call raises an error with the reason.
     continuum : callable, optional
         ``continuum(t) -> (u, v)`` of the continuous body that a lumped problem approximates, at the masses.
     source : str
-        Where the problem comes from.
+        The source of the problem in the literature.
     note : str
-        For the problem of a scene: a list of what the scene contains.
+        For the problem of a scene: a list of the content of the scene.
     h : float, optional
-        A step that resolves the motion, suggested for a first run.
+        A suggested step for a first run, which resolves the motion.
     draw : callable, optional
         ``draw(figure, solution)`` draws the response on a matplotlib figure, with the panels of `eig3.drawing`.
     quadratures : tuple of str
-        Names of quadratures over time that `integrate` follows, such as "work"; this is the word of SUNDIALS, because
-        first integrals are `invariants`. For each of them rhs, in the vector form, can be called with one more degree
-        of freedom after the n of u0, whose acceleration is the integrand. Its velocity is then the integral, which the
-        method computes to its own order, and which energy may read. rhs and energy must also accept u and v without
-        these degrees of freedom.
+        Names of quadratures over time, such as "work", as in SUNDIALS; first integrals are `invariants`. For each name,
+        rhs in the vector form can be called with one more degree of freedom after the n of u0, whose acceleration is
+        the integrand. Its velocity is then the integral, to the order of the method, and energy may read it. rhs and
+        energy must also accept u and v without these degrees of freedom.
     events : dict of str to Event
-        Events of the motion by name, such as the impacts of a ball, which `integrate` follows.
+        Events of the motion by name, such as the impacts of a ball.
     view : callable, optional
-        What `animate` shows: ``view(figure, film)`` draws what stays on a matplotlib figure, and returns ``show(i)``,
-        which moves the drawing to frame i of the `eig3.animation.Film`. `eig3.animation` has views such as `Mechanism`.
+        The view for `animate`: ``view(figure, film)`` draws the static parts on a matplotlib figure, and returns
+        ``show(i)``, which shows frame i of the `eig3.animation.Film`. `eig3.animation` has views such as `Mechanism`.
     outputs : dict
-        Outputs that a run can follow, such as the reactions of constraints: give them, or some of them, to `integrate`
-        as its `outputs`.
+        Available outputs, such as the reactions of constraints: pass all or some of these to `integrate` as `outputs`.
     encounters : callable, optional
-        For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and the rates of damping that
-        may occur in the motion from a state on, or None if they cannot be known. The problem of a scene with contacts
-        or pair potentials has it.
+        For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and the damping rates of
+        possible collisions in the motion from a state, or None if they are unknown. Scenes with contacts or pair
+        potentials have it.
     masses : array_like, shape (n,), optional
-        The mass of each degree of freedom, which `Langevin` takes; infinite for one that no noise may move.
+        The mass of each degree of freedom, for `Langevin`; infinite for a degree of freedom without noise.
     """
 
     name: str
@@ -154,7 +152,7 @@ class Problem:
     def __post_init__(self) -> None:
         check_names(self.quadratures, "quadratures")
         u0, v0, _ = check_state(self.u0, self.v0)
-        own = {"u0": u0, "v0": v0, "t_span": check_span(self.t_span)}  # later changes of the caller's do not matter
+        own = {"u0": u0, "v0": v0, "t_span": check_span(self.t_span)}  # independent of later changes by the caller
         own |= {"events": dict(self.events), "outputs": dict(self.outputs)}
         params = named(self.params)
         own["params"] = params if isinstance(params, Parameters) else copy(params)
@@ -162,7 +160,7 @@ class Problem:
             bind = params.layout.bind
             own |= {"rhs": bind(self.rhs), "energy": bind(self.energy), "events": params.layout.bind_all(self.events)}
         for name, value in own.items():
-            object.__setattr__(self, name, value)  # the dataclass is frozen for others
+            object.__setattr__(self, name, value)  # the dataclass is frozen
 
     @property
     def _layout(self) -> Layout | None:
@@ -180,15 +178,14 @@ class Problem:
         Returns
         -------
         Problem
-            If u0, v0, params or the start of t_span change, it has no `continuum`, and its `exact` is that of the new
-            start for a problem of `eig3.linear`, or says why it is not known: they hold for one start and one set of
-            parameters. Without `draw`, `view` and `encounters` if params change, because these may contain constants of
-            the problem. What is given in `changes` is kept.
+            If u0, v0, params or the start of t_span change, `continuum` is removed, and `exact` is recomputed for a
+            problem of `eig3.linear`, and otherwise unknown. If params change, `draw`, `view` and `encounters` are
+            removed, because they may contain constants of the problem. Fields given in `changes` are kept.
 
         Raises
         ------
         TypeError, ValueError
-            For an unknown field, and a value that is not valid for it.
+            If a field is unknown, or a value is not valid for it.
         """
         names = [each.name for each in fields(self) if each.name not in _OF_RHS]
         for name in changes:
@@ -205,7 +202,7 @@ class Problem:
         return replace(self, **copied)
 
     def _exact_again(self, new: Mapping[str, Any]) -> Callable:
-        """Return the exact motion with some fields changed, or what says why it is not known."""
+        """Return the exact motion with some fields changed, or a placeholder with the reason why it is not known."""
         again = getattr(self.exact, "again", None)
         if again is None:
             return UnknownMotion(
@@ -229,14 +226,14 @@ class Problem:
             The end of the run; ``t_span[1]`` if not given.
         **options
             Other options of `eig3.integrate`, such as rtol and t_eval. `invariants` replaces the energy, which is
-            evaluated after about every hundredth step, unless `invariants_every` is given. Functions in
-            `invariants` and `outputs` get u and v with one more degree of freedom for each of `quadratures`. `events`
-            replaces those of the problem.
+            evaluated after about every hundredth step without `invariants_every`; `events` replaces the events of the
+            problem. Functions in `invariants` and `outputs` get u and v with one more degree of freedom for each
+            quadrature.
 
         Returns
         -------
         Solution
-            With `quadratures`, if the problem follows any.
+            With the `quadratures` of the problem.
         """
         _refuse_fields(options, "integrate")
         of_call = {name: options.pop(name) for name in _OF_A_CALL if name in options}
@@ -250,13 +247,13 @@ class Problem:
         Parameters
         ----------
         **options
-            Those of `eig3.prepare`. `invariants` replaces the energy, and `events` those of the problem.
+            Options of `eig3.prepare`. `invariants` replaces the energy, and `events` the events of the problem.
 
         Returns
         -------
         Prepared
-            In a call, t_span, u0, v0 and params are those of the problem where they are left out. The solution has
-            `quadratures`, if the problem follows any.
+            In a call, the defaults of t_span, u0, v0 and params come from the problem. The solution has the
+            `quadratures` of the problem.
         """
         options = self._with_own(options, "prepare")
         options["invariants"] = self._balanced(options["invariants"])
@@ -272,14 +269,14 @@ class Problem:
         jacobian: Any = None,
         **options: Any,
     ) -> Any:
-        """Read a run of this problem, which then can go on with `extend`.
+        """Read a run of this problem, which `extend` can then continue.
 
         Parameters
         ----------
         path, outputs, jacobian
             As for `eig3.load`.
         **options
-            `events` and `invariants`, if they were not those of the problem.
+            `events` and `invariants`, if they differ from the problem.
 
         Returns
         -------
@@ -289,7 +286,7 @@ class Problem:
         Raises
         ------
         OSError, TypeError, ValueError
-            As for `eig3.load`, and if the run is not one of this problem.
+            As for `eig3.load`, and if the run does not belong to this problem.
         """
         found = storage.load(path)
         if isinstance(found, EnsembleSolution):
@@ -325,22 +322,22 @@ class Problem:
         h : float or array_like, optional
             As for `eig3.ensemble`.
         u0, v0, params : array_like, optional
-            Values for each member, along a first axis. What is left out is that of the problem, for all members. Of
-            parameters with names, params is a dictionary of those that change, or a list of `eig3.Parameters`.
+            Values for each member, along a first axis. The defaults come from the problem, for all members. With named
+            parameters, params is a dictionary of the parameters that change, or a list of `eig3.Parameters`.
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
         **options
-            Other options of `eig3.ensemble`. `invariants` replaces the energy, and `events` those of the problem.
+            Other options of `eig3.ensemble`. `invariants` replaces the energy, and `events` the events of the problem.
 
         Returns
         -------
         EnsembleSolution
-            With `quadratures`, if the problem follows any.
+            With the `quadratures` of the problem.
 
         Raises
         ------
         ValueError
-            If a start has a wrong shape, and as for `eig3.ensemble`.
+            If u0 or v0 has a wrong shape, and as for `eig3.ensemble`.
         """
         options = self._with_own(options, "ensemble")
         start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
@@ -351,7 +348,7 @@ class Problem:
             params = check_params(self.params)
             given: Any = (self.u0, u0), (self.v0, v0), (0.0, 0.0 if h is None else h)
             if any(np.ndim(x) > np.ndim(own) and np.shape(x)[0] == params.size > 1 for own, x in given):
-                params = params[None]  # they are shared also if there are as many parameters as members
+                params = params[None]  # shared, even if there are as many parameters as members
         if self.quadratures:
             n = np.size(self.u0)
             for name, x in zip(("u0", "v0"), start, strict=True):
@@ -363,17 +360,17 @@ class Problem:
         return ensemble(self.rhs, span, *start, h=h, params=params, **options)
 
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
-        """Return a `Stepper` at the start of the problem, which does not follow `quadratures`.
+        """Return a `Stepper` at the start of the problem, without `quadratures`.
 
         Raises
         ------
         ValueError
-            If an event changes or ends the motion: a stepper does not follow events.
+            If an event changes or ends the motion: a stepper does not support events.
         """
         _refuse_fields(options, "stepper")
         if any(event.terminal or event.apply is not None for event in self.events.values()):
             raise ValueError(
-                f"{self.name} has events that change or end its motion, which a stepper does not follow: call "
+                f"{self.name} has events that change or end its motion, which a stepper does not support: call "
                 "problem.integrate(...), or leave the events out with problem.with_(events={})."
             )
         options |= {"t0": self.t_span[0], "params": self.params, "inline": inline}
@@ -384,9 +381,9 @@ class Problem:
     ) -> CriticalStep:
         """Return the longest stable step, as `eig3.critical_step` finds it.
 
-        It is that of small motions about the start. In a scene with contacts or pair potentials, it is also short
+        The step holds for small motions about the start. In a scene with contacts or pair potentials, it is also short
         enough for the closest approach that the energy at the start allows: `CriticalStep.holds` says which of the two
-        it is.
+        limits the step.
         """
         time = self.t_span[0] if t is None else t
 
@@ -400,18 +397,18 @@ class Problem:
         return with_encounters(find, lambda: of_encounters(ahead, check_method(method), safety))
 
     def ahead(self, t: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return what `encounters` does from the start on, at the time t; None if nothing is known."""
+        """Return `encounters` for the motion from the start, at the time t; None if they are unknown."""
         return self.encounters and self.encounters(t, self.u0, self.v0, self.t_span[1] - t)
 
     def energy_of(self, u: ArrayLike, v: ArrayLike, t: ArrayLike | None = None) -> Any:
         """Return the energy of a state, or of each state of a history.
 
-        Where the problem follows the work, this is the mechanical energy, and it changes by ``quadratures["work"]``.
+        If the problem integrates the work, this is the mechanical energy, which changes by ``quadratures["work"]``.
 
         Parameters
         ----------
         u, v : array_like
-            They have the shape of u0 for one state, or one more axis in front for a history, as in a solution.
+            Of the shape of u0 for one state, or with a first axis of states for a history, as in a solution.
         t : float or array_like, optional
             The times of these states; ``t_span[0]`` if not given.
 
@@ -429,7 +426,7 @@ class Problem:
                 f"{self.name} has no energy: make its scene or structure with work=True, or give the problem one."
             )
         energy = check_callback(self.energy, "invariant", check_state(self.u0, self.v0)[2], "energy")
-        params = guarded(check_params(self.params))  # a scene keeps lists of neighbours there
+        params = guarded(check_params(self.params))  # a scene stores neighbour lists in them
 
         def of(t: Any, u: ArrayLike, v: ArrayLike) -> float:
             u, v, _ = check_state(u, v)
@@ -443,21 +440,21 @@ class Problem:
         return np.array([of(*state) for state in zip(times, u, v, strict=True)])
 
     def animate(self, solution: Solution, path: str | PathLike[str], *, t_end: float | None = None) -> Path:
-        """Write an animation of a run, true to scale, with its time and its speed.
+        """Write an animation of a run to scale, with its time and its speed.
 
-        It lasts 6 to 10 s and has 20 frames a second, whose states are those of ``solution.at``. A motion of 6 to 10 s
-        is shown in real time, and any other faster or slower. Of a run with more than 16 periods the first 2 to 16 are
-        shown, and of one that diverged the part before the growth.
+        It lasts 6 to 10 s and has 20 frames a second, with states from ``solution.at``. A motion of 6 to 10 s is shown
+        in real time, other motions faster or slower. If a run has more than 16 periods, the first 2 to 16 are shown; if
+        it diverged, the part before the growth.
 
         Parameters
         ----------
         solution : Solution
             A run of this problem.
         path : str or path
-            The file, which is replaced if it exists. Its ending is the format: ".gif"; ".html", a page with a button
-            and a slider that needs no network; ".mp4", which needs ffmpeg.
+            The file, which is replaced if it exists. The suffix sets the format: ".gif"; ".html", a self-contained page
+            with a button and a slider; ".mp4", which needs ffmpeg.
         t_end : float, optional
-            The end of the run, if the solution is only its beginning: the picture then says which part it shows.
+            The end of the run, if the solution is only its beginning: the picture then names the part that it shows.
 
         Returns
         -------
@@ -467,7 +464,7 @@ class Problem:
         Raises
         ------
         ValueError
-            For another ending, and if the states of the solution are too far apart to show the motion.
+            If the suffix is unknown, or the states of the solution are too far apart to show the motion.
         ImportError
             If matplotlib, or for ".mp4" ffmpeg, is not installed.
         OSError
@@ -475,10 +472,10 @@ class Problem:
 
         Notes
         -----
-        The picture is that of `view`. Scenes and the problems of the library have one: points, links, supports and
-        planes of a scene, or a field over space. Without one it is the degrees of freedom against time.
+        The picture comes from `view`. Scenes and the problems of the library have a view: points, links, supports and
+        planes of a scene, or a field over space. Without a view, the picture shows the degrees of freedom against time.
         """
-        has_seconds = self.energy_unit != "-"  # a problem without units has a time without unit
+        has_seconds = self.energy_unit != "-"  # without units, the time has no unit either
         return animate(self.view or Curves(self.labels), solution, path, has_seconds=has_seconds, t_end=t_end)
 
     def unit(self, letter: str, i: int = 0) -> str:
@@ -496,7 +493,7 @@ class Problem:
         return reads_velocity(self.rhs)
 
     def _with_own(self, options: dict[str, Any], call: str) -> dict[str, Any]:
-        """Return the options of runs, with what the problem adds; refuse those that would replace one of its fields."""
+        """Return the options of runs with the defaults of the problem; refuse options that would replace its fields."""
         _refuse_fields(options, call)
         if self.energy is not None and "invariants" not in options:
             options = {"invariants": {"energy": self.energy}, "invariants_every": _ENERGY_EVERY, **options}
@@ -505,7 +502,7 @@ class Problem:
         return options | {"quadratures": tuple(self.quadratures)}
 
     def _with_masses(self, method: Any) -> Any:
-        """Return a method that knows the masses of the problem, if it is a record."""
+        """Return the method with the masses of the problem, if it is an instance of Method."""
         if self.masses is None or not isinstance(method, Method):
             return method
         masses = np.append(np.asarray(self.masses, dtype=np.float64), np.full(len(self.quadratures), np.inf))
@@ -526,7 +523,7 @@ class Problem:
         return new
 
     def _balanced(self, invariants: Any) -> Any:
-        """Return the invariants, with the energy less the work if the problem follows the work."""
+        """Return the invariants, with the energy minus the work if the problem integrates the work."""
         if "work" not in self.quadratures or not isinstance(invariants, Mapping):
             return invariants
         balance = EnergyLessWork(self.energy, np.size(self.u0) + self.quadratures.index("work"))
@@ -534,7 +531,7 @@ class Problem:
 
 
 def _with_quadratures(x: ArrayLike, count: int) -> np.ndarray:
-    """Return a state, or one for each member, with zeros for the quadratures."""
+    """Return a state, or a state for each member, with zeros for the quadratures."""
     return np.concatenate([x, np.zeros((*np.shape(x)[:-1], count))], axis=-1)
 
 

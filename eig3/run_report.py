@@ -22,7 +22,7 @@ from .result.solution import Solution
 
 _STATES = 20_000  # approximate largest number of saved states
 _VALUES = 4_000_000  # largest number of saved displacements and velocities
-_CSV_VALUES = 200_000  # a longer history is written to the NPZ file only
+_CSV_VALUES = 200_000  # a longer history is written only to the NPZ file
 _PANEL = 6.5, 2.5  # width and height of a panel with its labels, inches
 
 
@@ -42,20 +42,20 @@ def run(
     Parameters
     ----------
     build : callable
-        A function of `eig3.problems`. It is called with `t_end` if that is given, and with ``work=True`` if it has this
+        A function of `eig3.problems`. It is called with `t_end` if given, and with ``work=True`` if it has this
         parameter.
     h : float, optional
-        The step, s. The default is the step that the problem suggests, or else a tenth of the critical step.
+        The step, s. The default is the step that the problem suggests, or a tenth of the critical step.
     rtol : float, optional
         The relative tolerance, instead of a step. The states are then saved at equal distances in time.
     method : str or Method, optional
-        The default is "eig3", or with rtol that of `eig3.integrate`.
+        The default is "eig3", or with rtol the default of `eig3.integrate`.
     t_end : float, optional
-        Duration, s; the problem's own if not given.
+        Duration, s; by default the duration of the problem.
     out : Path, optional
         An existing folder for NAME.npz, NAME.csv (short histories only) and NAME.png (with matplotlib only).
     animate : {"gif", "mp4", "html"}, optional
-        The format of an animation, which is written to `out` or else to the current folder.
+        The format of an animation, which is written to `out` or to the current folder.
     write : callable
         Called with each part of the report.
 
@@ -68,11 +68,11 @@ def run(
     TypeError, ValueError
         For bad arguments, as `eig3.integrate` raises them.
     ImportError
-        If what an animation needs is not installed.
+        If a package or program for the animation is not installed.
     KeyboardInterrupt
-        After Ctrl-C. The run up to then is reported and written before.
+        After Ctrl-C, once the run so far is reported and written.
     SystemExit
-        If a file cannot be written. The others are written, and the report is complete.
+        If a file cannot be written, after the other files and the report.
     """
     options: dict[str, Any] = {"work": True} if "work" in inspect.signature(build).parameters else {}
     if t_end is not None:
@@ -110,7 +110,7 @@ def run(
 
 
 def _steps(problem: Problem, h: float | None, rtol: float | None, method: str | Method | None) -> dict[str, Any]:
-    """Return the options of a run that save some thousand states."""
+    """Return the options of a run that saves some thousand states."""
     return (
         _fixed_steps(problem, h, "eig3" if method is None else method)
         if rtol is None
@@ -119,7 +119,7 @@ def _steps(problem: Problem, h: float | None, rtol: float | None, method: str | 
 
 
 def _resolved(problem: Problem, solution: Solution, steps: Callable[[Problem], dict[str, Any]]) -> Solution:
-    """Return a run with states close enough together for an animation, which may be shorter than `solution`."""
+    """Return a run with states that are dense enough for an animation; it may be shorter than `solution`."""
     while not is_resolved(solution) and solution.n_steps > len(solution.t):
         start, end = problem.t_span
         problem = problem.with_(t_span=(start, start + (end - start) / 10))
@@ -136,7 +136,7 @@ def _fixed_steps(problem: Problem, h: float | None, method: str | Method) -> dic
 
 
 def _tolerances(problem: Problem, rtol: float, method: str | Method | None) -> dict[str, Any]:
-    """Return the options of a run with tolerances, the number of whose steps is not known before."""
+    """Return the options of a run with tolerances, whose number of steps is not known in advance."""
     return {"rtol": rtol, "method": method, "t_eval": np.linspace(*problem.t_span, _most_states(problem) + 1)}
 
 
@@ -154,7 +154,7 @@ class Balance:
     energy : ndarray, shape (m,)
         The mechanical energy at the saved states.
     work : ndarray, shape (m,), or None
-        The work done up to each saved state; None if the problem does not follow it.
+        The work done up to each saved state; None if the problem does not integrate it.
     unit : str
         Unit of energy and work.
     """
@@ -170,7 +170,7 @@ class Balance:
         return cls(solution.t, energy, solution.quadratures.get("work"), problem.energy_unit)
 
     def summary(self) -> str:
-        """Describe the energy at both ends, and the largest change of energy that the work does not explain."""
+        """Describe the energy at both ends, and the largest change of the energy minus the work."""
         energy, work, unit = self.energy, self.work, self.unit
         change = energy if work is None else energy - work
         unexplained = np.abs(change - change[0]).max()
@@ -200,7 +200,7 @@ class Balance:
 
 
 def _save(problem: Problem, solution: Solution, balance: Balance | None, files: Files) -> str:
-    """Write the files; return what to add to the list of written files."""
+    """Write the files; return a text to append to the list of written files."""
     t, u, v = solution.t, solution.u, solution.v
     name = file_name(problem.name)
     arrays: dict[str, Any] = {"t": t, "u": u, "v": v, **solution.quadratures}
@@ -224,7 +224,7 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
 
 
 def draw(figure: Any, problem: Problem, solution: Solution, balance: Balance | None = None) -> None:
-    """Draw the problem's own picture and the energy balance. If the run blew up, draw the part before the growth."""
+    """Draw the picture of the problem and the energy balance. If the run blew up, draw the part before the growth."""
     shown = drawing.before_growth(solution)
     (problem.draw or drawing.histories)(figure, shown)
     if balance:

@@ -19,23 +19,23 @@ from .kernels.methods.eig import kappa, sigma
 from .kernels.protocol import VECTOR, Steps
 from .methods import EIG3, Method
 
-_ROUND_OFF = 1e-11  # round-off of an eigenvalue; at a limit found to 1e-10, the two of a pair are 1e-5 apart
+_ROUND_OFF = 1e-11  # round-off of an eigenvalue; at a limit found to 1e-10, the eigenvalues of a pair are 1e-5 apart
 _SIMPLE = 1e-6  # roots closer than this count as one multiple root
-_SOLVED_TOGETHER = 32  # unit states of oscillators in one solve of an implicit method: its cost grows with their cube
+_SOLVED_TOGETHER = 32  # unit states of oscillators in one solve of an implicit method, whose cost grows with their cube
 _OSCILLATES = 1e-7  # least imaginary part of a complex root: round-off gives less to a double real root
 _FURTHEST = 100.0  # a method that is stable up to this omega h counts as stable at every step
-_LAST_INTERVAL = 20.0  # omega h up to which further intervals of stable steps are looked for
-_SPACING = 0.01  # of omega h in a search
-_FINE_SPACING = 1e-4  # the same where two roots on the unit circle meet
+_LAST_INTERVAL = 20.0  # omega h up to which the search finds further intervals of stable steps
+_SPACING = 0.01  # spacing of omega h in a search
+_FINE_SPACING = 1e-4  # spacing where two roots on the unit circle meet
 _NEAR_CIRCLE = 1e-6  # a root is on the unit circle if it is within this distance of it
-_BEYOND = np.array([1.00001, 1.0001, 1.001])  # where the growth beyond a limit is compared with that at the limit
-_TRACKING = 0.01  # increment of omega h with which the principal root is followed
+_BEYOND = np.array([1.00001, 1.0001, 1.001])  # where the growth beyond a limit is compared with the growth at the limit
+_TRACKING = 0.01  # increment of omega h for tracking the principal root
 _NODES = 64  # points on a circle of complex omega h
-_RADII = 0.8 ** np.arange(20)  # of the circles
-_CONVERGED = 1e-9  # the largest term in the last half of a series that converges, on its circle
-_EXACT = 1e-8  # a coefficient is a fraction if it differs from it by less than this, relatively
-_FURTHER = 1.01  # a practical limit beyond this multiple of the limit is worth a sentence
-_VISIBLE = 1e-11  # a term that is less than this on its circle is round-off
+_RADII = 0.8 ** np.arange(20)  # radii of the circles
+_CONVERGED = 1e-9  # the largest term in the last half of a converged series, on its circle
+_EXACT = 1e-8  # relative tolerance for identifying a coefficient with a fraction
+_FURTHER = 1.01  # a practical limit beyond this multiple of the limit is reported
+_VISIBLE = 1e-11  # a smaller term on its circle is round-off
 #: Growth per step that is negligible in most runs: 1 % in 1000 steps.
 NEGLIGIBLE_GROWTH = 1e-5
 NEGLIGIBLE = "1e-5"
@@ -77,7 +77,7 @@ def oscillator_matrices(method: str | Method, k: np.ndarray, c: np.ndarray) -> n
 
 
 def _matrices(method: Method, k: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Compute the matrices of all oscillators by one step that starts all of them from every unit state."""
+    """Compute the matrices of all oscillators by one step of all oscillators from every unit state."""
     size, count = state_size(method), k.size
     params = np.concatenate([np.tile(k, size), np.tile(c, size)])
     state = np.repeat(np.eye(size), count, axis=1)
@@ -102,7 +102,7 @@ def state_size(method: Method) -> int:
 def step_once(method: Method, rhs: Any, params: np.ndarray, state: np.ndarray) -> np.ndarray:
     """Take one step of h = 1 with the vector kernel from the rows (u, v, past ...); NaN if a solve fails."""
     method = (method.fallback(1) or method).without_noise()
-    if method.jacobian is not None:  # it is the jacobian of another system
+    if method.jacobian is not None:  # it belongs to another system
         method = dataclasses.replace(method, jacobian=None)  # type: ignore[type-var]
     rows, n = state.shape
     formulas = method.formulas
@@ -112,7 +112,7 @@ def step_once(method: Method, rhs: Any, params: np.ndarray, state: np.ndarray) -
     steps = Steps(1.0, 0.0, params, formulas.start_steps, 1, 2**62, 0, nowhere, nowhere)
     settings = np.array(method.settings, dtype=np.float64)
     callbacks = check_callback(rhs, "rhs", VECTOR).address, None
-    take = kernel(formulas, method.order, VECTOR, 0, looks=0)  # the kernel that serves any number of them
+    take = kernel(formulas, method.order, VECTOR, 0, looks=0)  # the kernel for any number of oscillators
     taken, _, _ = take(callbacks, whole, settings, np.zeros(4), steps, None)
     return whole[:rows] if taken else np.full_like(state, np.nan)
 
@@ -150,7 +150,7 @@ def eigenvalues(matrices: np.ndarray) -> np.ndarray:
 
 
 def is_stable(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> Any:
-    """Whether the method is stable on the oscillator: no root outside the unit circle, and those on it simple.
+    """Whether the method is stable on the oscillator: no root outside the unit circle, and simple roots on it.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def is_stable(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> An
 
     Notes
     -----
-    A growth below 1e-11 per step is not seen, because it is within the round-off of the roots.
+    A growth below 1e-11 per step is not detected, because it is within the round-off of the roots.
     """
     return _unwrapped(_excess(amplification_matrix(method, Omega, xi)) <= _ROUND_OFF)
 
@@ -174,7 +174,7 @@ def _excess(matrices: np.ndarray) -> np.ndarray:
     roots = eigenvalues(matrices)
     finite = np.isfinite(roots).all(axis=-1)
     roots[~finite] = 0.0
-    # Round-off eps splits a double root by sqrt(eps), but does not move the mean of the two.
+    # Round-off eps splits a double root by sqrt(eps), but does not move the mean of the two roots.
     near = np.abs(roots[..., :, None] - roots[..., None, :]) < _SIMPLE
     multiplicity = near.sum(axis=-1)
     excess = np.abs((near * roots[..., None, :]).sum(axis=-1) / multiplicity) - 1
@@ -200,7 +200,7 @@ def limit(method: str | Method, xi: float = 0.0) -> float:
     Notes
     -----
     A step whose implicit solve fails counts as unstable. A method that is unstable without damping can have a limit
-    below 0.01 with weak damping: this is returned as 0.0. `practical_limit` is the limit of a negligible growth.
+    below 0.01 with weak damping: this is returned as 0.0. `practical_limit` is the limit for a negligible growth.
 
     Steps beyond the limit can be stable again. An interval of unstable steps shorter than 1e-4 may be missed.
     """
@@ -261,15 +261,15 @@ def first_exit(
     accuracy: float = 1e-10,
     blocks: Iterable[np.ndarray] = (),
 ) -> float:
-    """The least x at which ``excess(x)`` passes `tolerance`, searched at the growing numbers of `blocks`.
+    """The least x at which ``excess(x)`` exceeds `tolerance`, searched at the increasing numbers of `blocks`.
 
-    It is 0.0 if the excess grows from x = 0 on, and infinite if it never passes the tolerance.
+    It is 0.0 if the excess grows from x = 0 on, and infinite if it never exceeds the tolerance.
     """
     low, high = first_above(excess, tolerance, accuracy, blocks)
     if math.isinf(low):
         return low
     # Beyond a limit the excess rises steeply, or it is negative well before the limit. An excess that grows as a power
-    # of x passes the tolerance too, but it is hardly larger a little further on.
+    # # of x exceeds the tolerance too, but is hardly larger slightly beyond.
     further, before = excess(_BEYOND * high), excess(np.array([high / 2]))[0]
     is_limit = further.max() > 2 * tolerance or before < -tolerance
     return low if is_limit else 0.0
@@ -281,7 +281,7 @@ def first_above(
     accuracy: float = 1e-10,
     blocks: Iterable[np.ndarray] = (),
 ) -> tuple[float, float]:
-    """The last x before ``excess(x)`` first passes `tolerance` and the first x after; both infinite if it never does.
+    """The last x before ``excess(x)`` first exceeds `tolerance` and the first x after; both infinite if it never does.
 
     They differ by `accuracy`, relatively if they are below 1.
     """
@@ -309,7 +309,7 @@ def _blocks() -> list[np.ndarray]:
 def _with_meetings(method: Method, xi: float, Omega: np.ndarray) -> np.ndarray:
     """Add values of Omega where two roots on the unit circle come close to each other.
 
-    The roots of a method that conserves a quantity can meet at -1 or 1 and part again after a short interval of
+    The roots of a method that conserves a quantity can meet at -1 or 1 and separate again after a short interval of
     unstable steps. BM6 has such intervals near Omega = pi and 2 pi.
     """
     roots = eigenvalues(amplification_matrix(method, Omega, xi))
@@ -335,7 +335,7 @@ def _later_intervals(method: Method, bound: float) -> list[tuple[float, float]]:
 
 
 def _boundary(method: Method, low: float, high: float) -> float:
-    """Where between two steps, of which one is stable, the stability ends or begins."""
+    """The boundary of stability between a stable and an unstable step."""
     before = is_stable(method, low)
     while high - low > 1e-9:
         middle = (low + high) / 2
@@ -344,13 +344,12 @@ def _boundary(method: Method, low: float, high: float) -> float:
 
 
 def stable_region(Omega: ArrayLike, alpha: ArrayLike = 1.0, beta: ArrayLike = 0.5, xi: ArrayLike = 0.0) -> np.ndarray:
-    """Where EIG-3(alpha, beta) is stable.
+    """Return whether EIG-3(alpha, beta) is stable.
 
     Parameters
     ----------
     Omega, alpha, beta, xi : float or array_like
-        They are broadcast against each other: ``stable_region(Omega, alpha[:, None])`` is the region over
-        (Omega, alpha).
+        Broadcast against each other: ``stable_region(Omega, alpha[:, None])`` is the region over (Omega, alpha).
 
     Returns
     -------
@@ -416,7 +415,7 @@ def _polar(root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def principal_root(method: str | Method, Omega: ArrayLike, xi: ArrayLike = 0.0) -> np.ndarray:
     """The eigenvalue that approximates exp((-xi + i sqrt(1 - xi^2)) Omega), followed from Omega = 0.
 
-    It has to be followed, because at large Omega another root may be larger or closer to that exponential.
+    The root is tracked, because at large Omega another root may be larger or closer to the exponential.
     """
     Omega, xi = np.broadcast_arrays(np.asarray(Omega, dtype=np.float64), np.asarray(xi, dtype=np.float64))
     if not (Omega > 0).all():
@@ -457,8 +456,8 @@ def expansion(method: Method) -> tuple[np.ndarray, float]:
 
     Notes
     -----
-    The coefficients are the Fourier coefficients of ln z / x on a circle of complex x, the largest one on which the
-    series converges. A fit to real Omega would lose the small terms of methods of high order.
+    The coefficients are the Fourier coefficients of ln z / x on the largest circle of complex x on which the series
+    converges. A fit to real Omega would lose the small terms of methods of high order.
     """
     turns = np.exp(2j * np.pi * np.arange(_NODES) / _NODES)
     for radius in _RADII.tolist():
@@ -492,7 +491,7 @@ def _complex_oscillators(t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, 
 def explain(method: str | Method) -> str:
     """The properties of a method on the oscillator, in a few lines of text: order, limits, damping, period."""
     method = check_method(method)
-    free = method.without_velocity()  # the same step on an undamped oscillator, without a solve
+    free = method.without_velocity()  # an equal step on an undamped oscillator, without a solve
     evaluations = method.evaluations
     each = (
         f"{evaluations} evaluation{'s' * (evaluations > 1)} a step"
@@ -576,7 +575,7 @@ def _leading_term(method: Method, odd: bool) -> tuple[float, int] | None:
     coefficients, radius = expansion(method)
     for power in range(max(1, method.order), len(coefficients)):
         if power % 2 == odd and abs(coefficients[power]) * radius**power > _VISIBLE:
-            sign = 1 if (power + odd) % 4 == 2 else -1  # that of -i^(power + odd)
+            sign = 1 if (power + odd) % 4 == 2 else -1  # sign of -i^(power + odd)
             return sign * float(coefficients[power]), power
     return None
 
@@ -592,5 +591,5 @@ def _term(coefficient: float, power: int) -> str:
 
 
 def _unwrapped(values: np.ndarray) -> Any:
-    """A Python scalar for one value, else the array."""
+    """A Python scalar for one value, otherwise the array."""
     return values.item() if values.ndim == 0 else values

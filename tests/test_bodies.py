@@ -452,10 +452,10 @@ def joined_to_itself(joint, *arguments):
 
 BAD_VALUES = {
     "inertia of a body in the plane must be a positive number": lambda: in_plane((1.0, 2.0, 3.0)),
-    "each principal moment positive and at most the sum of the others": lambda: in_space((1.0, 1.0, 2.00001)),
-    "each principal moment positive": lambda: in_space((0.0, 0.0, 0.0)),
-    "principal moment positive and": lambda: in_space((0.0, 1.0, 1.0)),
-    "positive and at most": lambda: in_space((1.0, 1.0, -1.0)),
+    "positive principal moments, each at most the sum of the others": lambda: in_space((1.0, 1.0, 2.00001)),
+    "positive principal moments": lambda: in_space((0.0, 0.0, 0.0)),
+    "positive principal moments, each": lambda: in_space((0.0, 1.0, 1.0)),
+    "inertia of a body must have positive": lambda: in_space((1.0, 1.0, -1.0)),
     "3 principal moments or a symmetric 3 x 3 matrix": lambda: in_space(1.0),
     "rotation of a body in 2 dimensions must be an angle in rad": lambda: in_plane(rotation=(0.0, 0.0, 0.0, 1.0)),
     "rotation of a body in 3 dimensions must be a quat": lambda: in_space(rotation=[[2, 0, 0], [0, 2, 0], [0, 0, 2]]),
@@ -470,7 +470,7 @@ BAD_VALUES = {
         None, (1.0, 0.0), (0.0, 0.0, 1.0)
     ),
     "axis must have 3 components, not the shape": lambda: in_space().revolute(None, (0.0, 0.0, 0.0), (0.0, 1.0)),
-    "no masses with an inertia of their own: make them bodies": beside_a_rolling_mass,
+    "cannot have masses with an inertia: add them with scene.body": beside_a_rolling_mass,
     "Gravity acts on masses, and a point of a rigid body has none": lambda: adding(
         effects.Gravity((0.0, -G)), lambda body: body.point((1.0, 0.0))
     ),

@@ -192,6 +192,6 @@ def test_members_with_other_constraints_run_one_at_a_time():
 
     problems = [held(0), held(1)]
     solution = problems[0].ensemble(params=np.array([problem.params for problem in problems]), h=1e-3)
-    assert "join other points" in solution.notes[0]
+    assert "join different points" in solution.notes[0]
     for i, problem in enumerate(problems):
         np.testing.assert_array_equal(solution.u[i, -1], problem.integrate(h=1e-3).u[-1])

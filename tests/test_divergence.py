@@ -419,7 +419,7 @@ def test_energy_that_a_method_adds_to_a_forced_motion_is_noted():
     assert run.success
     (note,) = run.notes
     grown = said(
-        r"energy less the work grows steadily, by ([\d.e+]+) % of the larger of the two over the run: RK2\(\) ", note
+        r"energy minus the work grows steadily, by ([\d.e+]+) % of the larger of the two over the run: RK2\(\) ", note
     )
     assert grown == pytest.approx(100 * run.drift["energy"] / np.abs(run.quadratures["work"]).max(), rel=0.1)
     first = forced_from_rest(0.5).integrate(h=0.02, method="rk2", t_end=30.0)

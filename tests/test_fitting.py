@@ -263,7 +263,7 @@ def test_wrong_entries_and_options_are_refused():
         eig3.sensitivities(whole, "k", h=0.1)
     with pytest.raises(ValueError, match=r"^t_eval must be a sequence of times within the run, 0 to 10\.$"):
         eig3.sensitivities(OSCILLATOR, "k", h=0.1, t_eval=[0, 11])
-    with pytest.raises(ValueError, match=r"^steps must be those of the parameters, which have no c"):
+    with pytest.raises(ValueError, match=r"^steps must have names of parameters, which have no c"):
         eig3.sensitivities(OSCILLATOR, "k", h=0.1, steps={"c": 0.1})
     with pytest.raises(ValueError, match=r"^steps\['k'\] must be a positive, finite number, not 0\.$"):
         eig3.sensitivities(OSCILLATOR, "k", h=0.1, steps={"k": 0})
@@ -528,7 +528,7 @@ GOOD = {"data": (T, U), "parameters": ["k", "c"], **RK4}
         ({"parameters": {"k": np.nan}}, ValueError, r"parameters\['k'\] must be a finite first value, not nan"),
         ({"parameters": {"k": "4"}}, TypeError, r"parameters\['k'\] must be made of real numbers"),
         ({"bounds": (0, 1)}, TypeError, r"bounds must be a dictionary such as \{'k': \(0, 10\)\}, not "),
-        ({"bounds": {"u0": (0, 1)}}, ValueError, "bounds must be those of the parameters, which have no u0"),
+        ({"bounds": {"u0": (0, 1)}}, ValueError, "bounds must have names of parameters, which have no u0"),
         ({"bounds": {"k": 3}}, TypeError, r"bounds\['k'\] must be a pair \(low, high\), not 3"),
         ({"bounds": {"k": (4, 4), "c": (0.2, 0.2)}}, ValueError, "bounds must leave one parameter free"),
         ({"bounds": {"k": (5, 3)}}, ValueError, r"bounds\['k'\] must be \(low, high\) with low <= high, not \(5, 3\)"),

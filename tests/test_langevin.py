@@ -337,7 +337,7 @@ def test_its_limit_is_that_of_verlet():
 def test_it_is_compared_with_no_other_method():
     assert "langevin" in eig3.METHODS
     assert "langevin" not in LIBRARY
-    with pytest.raises(ValueError, match=r"^methods must add no random numbers, and Langevin\(.*\) does: "):
+    with pytest.raises(ValueError, match=r"^methods must be deterministic, and Langevin\(.*\) adds random numbers: "):
         eig3.plan(eig3.problems.henon_heiles(), 1e-3, methods=["eig3", WARM])
 
 
@@ -366,7 +366,7 @@ def test_a_scene_gives_its_masses():
     stepper = problem.stepper(h=0.05, method=method)
     stepper.advance(240)
     np.testing.assert_array_equal(stepper.v, run.v[-1])
-    message = "^mass of Langevin must be that of the degrees of freedom of scene: leave it out"
+    message = "^mass of Langevin must equal the masses of scene: leave it out"
     for wrong in (1.0, masses, np.tile(masses[::-1], 3)):
         with pytest.raises(ValueError, match=message):
             problem.integrate(h=0.05, method=eig3.Langevin(**options, mass=wrong))

@@ -42,7 +42,7 @@ def test_without_a_cutoff_it_is_a_bond():
     bond, pair = Morse(D, A, R0), Morse(D, A, R0, CUTOFF)
     assert (bond.picture, pair.picture) == ("line", "")
     scene = Scene(2)
-    with pytest.raises(TypeError, match="Morse has no cutoff, so that it needs two arguments of points"):
+    with pytest.raises(TypeError, match="Morse has no cutoff, and thus needs two arguments of points"):
         scene.add(bond, scene.mass(1.0, [(0.0, 0.0), (1.0, 0.0)]))
     for effect in (Morse, LennardJones):
         with pytest.raises(ValueError, match=f"cutoff of {effect.__name__} must be positive"):

@@ -296,8 +296,8 @@ def test_an_array_as_long_as_there_are_members_must_have_one_meaning():
         return eig3.ensemble(rhs, (0, 1), u0, 0 * k, params=params, **H).u[:, -1]
 
     message = (
-        r"^params has an array k of the length 3 for 3 members, and rhs takes it as a whole too: write k\[:, None\] "
-        r"for one value a member, or np\.array\(\[k\] \* 3\) for this array in all of them\.$"
+        r"^params has an array k of the length 3 for 3 members, and rhs can also take it as a whole: write "
+        r"k\[:, None\] for one value a member, or np\.array\(\[k\] \* 3\) for this array in all members\.$"
     )
     for rhs, params in (
         (whole_array, {"k": k}),
@@ -334,7 +334,7 @@ def test_members_that_do_not_fit(params, message):
 
 def test_values_for_other_numbers_of_members():
     params = {"k": [4.0, 5.0, 6.0], "c": 0.1, "power": 1}
-    message = r"params\['k'\] has the length 3, but there are 4 members; give 4 values for one of each member\.$"
+    message = r"params\['k'\] has the length 3, but there are 4 members; give 4 values, one for each member\.$"
     with pytest.raises(TypeError, match=message):
         eig3.ensemble(spring, (0, 1), np.ones(4), 0.0, params=params, **H)
     with pytest.raises(ValueError, match="u0, v0 and h have first axes of different lengths"):

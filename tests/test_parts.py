@@ -365,7 +365,7 @@ def test_ctrl_c_keeps_the_finished_parts(reduce, has_executor, monkeypatch):
         done = np.isin(np.arange(2000) // 128 * 128, stored)
         np.testing.assert_array_equal(caught.value.solution.success, done)
         assert set(caught.value.solution.status[~done]) == {eig3.Status.INTERRUPTED}
-        assert set(caught.value.solution.message[~done]) == {"The run was interrupted before this member was back."}
+        assert set(caught.value.solution.message[~done]) == {"The run was interrupted before this member was returned."}
 
 
 def test_memory_does_not_grow_with_the_members():

@@ -427,7 +427,11 @@ def searched(method, *, seconds, is_limited=False, follows_order=True):
 @pytest.mark.parametrize(
     ("method", "other", "expected"),
     [
-        ("eig9", searched("eig5", seconds=1.0, is_limited=True), "stability limits its step more than that of EIG-5"),
+        (
+            "eig9",
+            searched("eig5", seconds=1.0, is_limited=True),
+            "stability limits its step more than the step of EIG-5",
+        ),
         ("eig4", searched("eig5", seconds=1.0, is_limited=True), ""),
         ("eig9", searched("eig7", seconds=1.0, is_limited=True), ""),  # it has no limit without damping, but EIG-9 has
         ("rk4", searched("eig5", seconds=5.0), "EIG-5, of order 4, takes 5 times as long as RK8"),

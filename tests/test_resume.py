@@ -181,7 +181,7 @@ def test_a_blow_up_is_judged_over_the_whole_span(tmp_path):
         extended = loaded.extend(1.0 + 2.1 * 100)
         assert extended.status is eig3.Status.DIVERGED
         assert extended.message == first.extend(1.0 + 2.1 * 100).message
-    with pytest.raises(ValueError, match="this run cannot go on: its status is DIVERGED"):
+    with pytest.raises(ValueError, match="this run cannot be continued: its status is DIVERGED"):
         eig3.load(extended.save(tmp_path / "run"), rhs=oscillator)
 
 
@@ -343,10 +343,13 @@ def test_functions_of_another_run_are_refused(tmp_path):
     again = eig3.load(path).save(tmp_path / "again")  # the state is kept
     assert eig3.load(again, rhs=oscillator, **options).extend(3.0).success
     bad = [
-        ({}, "events must have the names of those of the run: 'wall', 'fast'"),
-        ({**options, "events": {**EVENTS, "more": EVENTS["fast"]}}, "events must have the names"),
-        ({"events": EVENTS}, "invariants must have the names of those of the run: 'energy'"),
-        ({**options, "outputs": {"forces": (forces, 2)}}, "outputs must have the names .* 'forces', 'energy / kg'"),
+        ({}, "events must have the same names as in the run: 'wall', 'fast'"),
+        ({**options, "events": {**EVENTS, "more": EVENTS["fast"]}}, "events must have the same names"),
+        ({"events": EVENTS}, "invariants must have the same names as in the run: 'energy'"),
+        (
+            {**options, "outputs": {"forces": (forces, 2)}},
+            "outputs must have the same names .* 'forces', 'energy / kg'",
+        ),
         ({**options, "jacobian": oscillator}, "the run has none: leave out jacobian"),
     ]
     for functions, message in bad:
@@ -366,7 +369,7 @@ def test_functions_of_another_run_are_refused(tmp_path):
 def test_runs_without_a_state_are_loaded_without_functions(tmp_path):
     member = eig3.ensemble(oscillator, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=[[2.0, 0.1]])[1]
     path = member.save(tmp_path / "run")
-    with pytest.raises(ValueError, match=r"this run cannot go on: it is a copy, .*load it without functions"):
+    with pytest.raises(ValueError, match=r"this run cannot be continued: it is a copy, .*load it without functions"):
         eig3.load(path, rhs=oscillator)
     with pytest.raises(ValueError, match="this solution cannot be extended"):
         eig3.load(path).extend(3.0)

@@ -1024,7 +1024,7 @@ BAD_TYPES = {
     "Undirected must have a field direction, and vec": lambda: with_fixed(Undirected(1.0)),
     "vectors of Stringy must be a tuple of names": lambda: on_two(Stringy((1.0, 2.0))),
     "a single point has no length": lambda: len(two()[1][0]),
-    "has no cutoff, so that it needs two arguments of points": lambda: on_two(LinearSpring(1.0), 0),
+    "has no cutoff, and thus needs two arguments of points": lambda: on_two(LinearSpring(1.0), 0),
     "LinearSpring acts on Points of a scene, not on int.": lambda: Scene(1).add(LinearSpring(1.0), 0, 1),
     "not on list: index an array of points": lambda: Scene(1).add(LinearSpring(1.0), [0], 1),
     "force of Forced must return a tuple of 2 numbers here": lambda: on_two(Forced(one)),

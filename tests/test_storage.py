@@ -324,7 +324,7 @@ def test_a_damaged_state_is_found_when_the_run_goes_on(place, value, tmp_path):
 
     rewritten(path, change)
     assert eig3.load(path).success
-    with pytest.raises(ValueError, match="the run cannot go on from its file"):
+    with pytest.raises(ValueError, match="the run cannot be continued from its file"):
         eig3.load(path, rhs=oscillator, invariants={"energy": energy})
 
 

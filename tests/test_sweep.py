@@ -294,7 +294,7 @@ def test_an_interrupted_sweep_keeps_the_batches_that_were_complete(tmp_path, mon
         ("duffing --set a=1:2", "max:u", "--set must be NAME=FROM:TO:COUNT or NAME=FROM:TO:COUNT:log, such as"),
         ("duffing --set a=1:x:3", "max:u", "--set must be NAME=FROM:TO:COUNT"),
         ("duffing --set a=1:2:3 --random 5", "max:u", "--set must be NAME=FROM:TO or NAME=FROM:TO:log with --random"),
-        ("duffing --set a=2:1:3", "max:u", "--set a must go from a number to a larger one, not from 2 to 1."),
+        ("duffing --set a=2:1:3", "max:u", "--set a must go from a number to a larger number, not from 2 to 1."),
         ("duffing --set a=0:1:3:log", "max:u", "--set a must start above 0 for logarithmic spacing, not at 0."),
         ("duffing --set a=0:1:1", "max:u", "--set a must have at least 2 values, not 1."),
         ("duffing", "max:u", "give one or two parameters with --set, not 0"),

@@ -707,7 +707,7 @@ def test_methods_without_tolerances_are_refused():
     for method in ("rk4", "cd", "eig9", eig3.AB3()):
         with pytest.raises(ValueError, match=r"^method must be one of 'eig3', 'rk5', 'rk8', 'rkn12' with tolerances"):
             run(method=method)
-    with pytest.raises(ValueError, match=r"alpha and beta follow from the steps"):
+    with pytest.raises(ValueError, match=r"alpha and beta depend on the steps"):
         run(method=eig3.EIG3(alpha=1.2))
 
 

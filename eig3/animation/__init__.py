@@ -1,4 +1,4 @@
-"""Animations: a film of a run, and the views that can be drawn in it."""
+"""Animations: films of runs, and the views that they show."""
 
 from .curves import Curves, Oscillator, Portrait
 from .film import Film

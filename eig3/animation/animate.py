@@ -1,4 +1,4 @@
-"""Draw a film frame by frame, with the time in it, and write it."""
+"""Draw a film frame by frame, with a clock, and write it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..result.solution import Solution
 from .film import RATE, Film
 from .writers import WRITERS, check_writer, kind_of, write_film
 
-#: Draws what stays on a matplotlib figure and returns a function that moves the drawing to frame i of the film.
+#: A function that draws the static parts on a matplotlib figure, and returns a function that shows frame i of the film.
 View = Callable[[Any, Film], Callable[[int], None]]
 
 _SIZE = 4.8, 3.6  # inches
@@ -65,7 +65,7 @@ def animate(
         canvas = FigureCanvasAgg(figure)
         show = stage(figure, view, film, solution, t_end)
         canvas.draw()
-        figure.set_layout_engine("none")  # the layout of the first frame is that of all others
+        figure.set_layout_engine("none")  # all frames have the layout of the first frame
 
         def frame(i: int) -> Any:
             show(i)
@@ -86,7 +86,7 @@ def stage(figure: Any, view: View, film: Film, solution: Solution, t_end: float 
     digits = max(0, int(np.ceil(-np.log10((film.t[1] - film.t[0]) / scale))))
     left, right = {"x": 0.02, "ha": "left"}, {"x": 0.98, "ha": "right"}
     lines = captions(film, solution, solution.t[-1] if t_end is None else t_end)
-    # An empty title keeps the place for the captions in the layout.
+    # An empty title reserves the space of the captions in the layout.
     figure.suptitle(" \n" * (len(lines) - 1) + " ", fontsize=10)
     clock = figure.text(**left, y=0.985, s="", va="top", fontsize=11)
     figure.text(**right, y=0.985, s="\n".join(lines), va="top", color="0.35" if solution.success else "C3")
@@ -100,7 +100,7 @@ def stage(figure: Any, view: View, film: Film, solution: Solution, t_end: float 
 
 
 def captions(film: Film, solution: Solution, t_end: float) -> list[str]:
-    """Say how fast the film is, and which part of the run up to `t_end` it shows if not all of it."""
+    """Return captions: the speed of the film, and the part of the run up to `t_end` if it does not show all."""
     (scale, unit), factor = film.clock, film.speed
     if not unit:
         lines = [f"{factor:g} units of time a second"]

@@ -1,4 +1,4 @@
-"""Views of degrees of freedom against time, with marks that move: for oscillators, and where there is no geometry."""
+"""Views of degrees of freedom against time, with moving marks: for oscillators and problems without geometry."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Curves:
     Attributes
     ----------
     labels : Labels
-        Their names and units.
+        The names and units of the degrees of freedom.
     """
 
     labels: Labels
@@ -74,12 +74,12 @@ class Portrait:
 
 @dataclass(frozen=True, eq=False)
 class Oscillator:
-    """A mass that moves up and down, beside its displacement against time.
+    """A mass that moves vertically, next to its displacement against time.
 
     Attributes
     ----------
     on : {"spring", "floor"}
-        What the mass hangs on, or what it falls on; the floor is at 0.
+        The support of the mass: a spring from which it hangs, or a floor at 0 on which it falls.
     unit : str
         Unit of the displacement.
     """
@@ -91,7 +91,7 @@ class Oscillator:
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, 3))
         path = film.path()
         low, high = limits(path)
-        high += (0.35 if self.on == "spring" else 0.1) * (high - low)  # place for the spring or the ball
+        high += (0.35 if self.on == "spring" else 0.1) * (high - low)  # space for the spring or the ball
         left.set(xlim=(-1, 1), ylim=(low, high), xticks=[], ylabel=f"displacement u ({self.unit})")
         move = _against_time(right, film, path[:, None], film.u[:, None], [])
         right.set_ylim(low, high)
@@ -119,14 +119,14 @@ class Oscillator:
 
 
 def _standing_ball() -> Any:
-    """Return a round marker whose lowest point is at the point that it marks."""
+    """Return a round marker whose lowest point is at the marked point."""
     from matplotlib.path import Path
 
     return Path.circle((0, 1), 1)
 
 
 def _against_time(axes: Any, film: Film, curves: np.ndarray, marks: np.ndarray, names: list[str]) -> Any:
-    """Draw curves, shape (times, k), up to the time of a frame, with marks, shape (frames, k), at it."""
+    """Draw curves, shape (times, k), up to the time of a frame, with marks, shape (frames, k), at this time."""
     scale, unit = film.clock
     t, times = film.times / scale, film.t / scale
     axes.set(xlabel=f"t ({unit or '-'})", xlim=(t[0], t[-1]), ylim=limits(curves))

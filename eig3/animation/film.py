@@ -1,4 +1,4 @@
-"""Which part of a run a film shows, how fast, and the states in its frames."""
+"""The part of a run that a film shows, its speed, and the states in its frames."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import numpy as np
 
 from ..result.solution import Solution
 
-#: Computes places at times, shape (m,), from displacements, shape (m, n).
+#: A function that computes positions at times, shape (m,), from displacements, shape (m, n).
 Places = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 RATE = 20  # frames a second
 _SECONDS = 8.0  # about the duration of a film
 _REAL_TIME = 6.0, 10.0  # motions of this duration, s, are shown in real time
-_PERIODS = 2.0, 16.0  # the fewest and the most that are shown of a motion with more of them
-_FACTORS = 1, 1.5, 2, 3, 4, 5, 6, 8, 10  # times powers of ten: how much faster or slower than the motion a film is
+_PERIODS = 2.0, 16.0  # least and largest number of periods that a film shows
+_FACTORS = 1, 1.5, 2, 3, 4, 5, 6, 8, 10  # times powers of ten: the possible ratios of the speeds of film and motion
 _UNITS = (1e-15, "fs"), (1e-12, "ps"), (1e-9, "ns"), (1e-6, "µs"), (1e-3, "ms"), (1.0, "s")
 _PATH, _MOST = 10, 20_000  # least number of points on a path between two frames; most saved states on a path
 _VALUES = 1_000_000  # displacements that are interpolated at a time
-_VISIBLE = 0.02  # an error of this part of the largest motion is seen in a film
+_VISIBLE = 0.02  # an error above this fraction of the largest motion is visible in a film
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Film:
     Attributes
     ----------
     solution : Solution
-        The part of the run that is shown.
+        The visible part of the run.
     speed : float
         Seconds of the motion in a second of the film.
     t : ndarray, shape (frames,)
@@ -52,9 +52,9 @@ class Film:
 
     @classmethod
     def of(cls, solution: Solution, *, has_seconds: bool = True) -> Film:
-        """Choose what to show of a run: all of it, or the first periods of a run with very many.
+        """Choose the part of a run to show: all of it, or the first periods of a run with very many periods.
 
-        `has_seconds` says whether the time has a unit.
+        `has_seconds` says whether the unit of time is the second.
 
         Raises
         ------
@@ -81,7 +81,7 @@ class Film:
 
     @cached_property
     def times(self) -> np.ndarray:
-        """Times that are close enough together for a smooth curve; those of the frames are among them."""
+        """Times that are dense enough for a smooth curve, including the times of the frames."""
         saved = self.solution.t[self.solution.t <= self.t[-1]]
         saved = saved[:: 1 + len(saved) // _MOST]
         between = np.linspace(self.t[0], self.t[-1], _PATH * (len(self.t) - 1) + 1)
@@ -90,8 +90,8 @@ class Film:
     def path(self, shown: Places = lambda t, u: u) -> np.ndarray:
         """Return the displacements at `times`, or ``shown(t, u)`` of them.
 
-        `shown` gets some of the times in each call. Only what it returns is kept, because all displacements at all
-        times may be larger than the memory.
+        `shown` gets some of the times in each call. Only its return values are kept, because the displacements at all
+        times may exceed the memory.
         """
         count = max(1, _VALUES // self.u[:1].size)
         parts = (self.times[k : k + count] for k in range(0, len(self.times), count))
@@ -105,7 +105,7 @@ class Film:
 
 
 def shown_duration(duration: float, periods: float) -> float:
-    """Return how much is shown of a motion with so many periods: 8 s if they hold 2 to 16 periods, or at most 16."""
+    """Return the shown duration of a motion: 8 s if these contain 2 to 16 periods, otherwise at most 16 periods."""
     least, most = _PERIODS
     if periods <= most:
         return duration
@@ -114,9 +114,9 @@ def shown_duration(duration: float, periods: float) -> float:
 
 
 def film_speed(duration: float) -> float:
-    """Return the speed of a film, in seconds of the motion a second, so that it lasts 6 to 10 s.
+    """Return the speed of a film of 6 to 10 s, in seconds of the motion a second.
 
-    Motions of this duration are shown in real time; the speed of others is a round factor.
+    Motions of this duration are shown in real time; other speeds are round factors.
     """
     if _REAL_TIME[0] <= duration <= _REAL_TIME[1]:
         return 1.0
@@ -146,8 +146,8 @@ def _frames(solution: Solution) -> tuple[float, np.ndarray]:
 def is_resolved(solution: Solution) -> bool:
     """Return whether a film can show the motion between the saved states.
 
-    The motion between two states is mostly shorter than its whole range, and the interpolation has no visible error in
-    a frame. A run that failed is shown as it is.
+    The motion between two states must usually be shorter than its whole range, and the interpolation must have no
+    visible error in a frame. A failed run is always shown.
     """
     if not solution.success:
         return True

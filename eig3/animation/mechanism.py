@@ -13,33 +13,33 @@ from .film import Film, Places
 from .shapes import coils
 
 _COILS = 40  # more springs than this are drawn as lines
-_MARGIN = 0.08  # around the motion, as a part of its size
-_SHAPE = 1.35  # width of the axes as a part of their height
-_LEAST = 0.5  # least side of the box in space as a part of its longest side
+_MARGIN = 0.08  # around the motion, relative to its size
+_SHAPE = 1.35  # ratio of the width of the axes to their height
+_LEAST = 0.5  # least side of the box in space, relative to its longest side
 _TRAIL = 0.7  # seconds of the film
-_CORNERS, _FEW_CORNERS = 32, 8  # of the outline of a ball in space; of one among many
+_CORNERS, _FEW_CORNERS = 32, 8  # corners of the outline of a ball in space; of a ball among many
 _MANY = 1000  # balls or discs, which are too small for a dark outline
 _LIGHT = np.array([0.6, -0.64, 0.48])  # direction of the light on faces in space
-_FACE = np.array([0.35, 0.62, 0.9])  # colour of a face that the light meets straight on
+_FACE = np.array([0.35, 0.62, 0.9])  # colour of a face perpendicular to the light
 _SIZES = (30, 7.0), (300, 3.0)  # up to this number of points: size of the dots
 
 
 def in_plane(t: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Return the places of a point whose coordinates in a plane are u, for `Mechanism`."""
+    """Return the positions of a point whose coordinates in a plane are u, for `Mechanism`."""
     return u[:, None]
 
 
 @dataclass(frozen=True, eq=False)
 class Magnified:
-    """Places with magnified displacements: ``places(t, u)``.
+    """Positions with magnified displacements: ``places(t, u)``.
 
     Attributes
     ----------
     places : callable
-        The places to scale.
+        The function of the positions to magnify.
     factor : float
     start : ndarray, shape (points, 2 or 3)
-        The places from which the displacements are measured.
+        The positions from which the displacements are measured.
     """
 
     places: Places
@@ -52,7 +52,7 @@ class Magnified:
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """Points that move, links and faces between them, supports and planes.
+    """Moving points, links and faces between them, supports and planes.
 
     Attributes
     ----------
@@ -64,11 +64,11 @@ class Mechanism:
     springs : sequence of int
         The numbers of the links that are drawn as springs.
     strings : dict of int to int
-        For the number of a link that can break, the degree of freedom that is then no longer 0.
+        For the number of each breakable link, the degree of freedom that differs from 0 once it is broken.
     faces : array_like of int, shape (faces, corners)
-        The numbers of the corners of each face of a surface. In space a face is light where it is turned to the light.
+        The numbers of the corners of each face of a surface. In space faces are shaded by their direction to the light.
     hidden : sequence of int
-        The numbers of the points that are not drawn, such as those of a surface.
+        The numbers of the points that are not drawn, such as the points of a surface.
     fixed : sequence of int
         The numbers of the points that are supports.
     planes : sequence of (normal, offset)
@@ -77,9 +77,9 @@ class Mechanism:
         The radius of each point, m: a point with a radius is drawn as a disc, or in space as a ball. Without radii, or
         with 0, it is a dot.
     trails : sequence of int
-        The numbers of the points that leave a trail.
+        The numbers of the points with a trail.
     marks : sequence of (place, style, size, name)
-        Marks that stay, such as the sun. Their style is matplotlib's short form of it, such as "C1o".
+        Static marks, such as the sun, with a format string of matplotlib as style, such as "C1o".
     labels : tuple of str
         Labels of the axes; an axis without a label has no scale.
     note : str
@@ -142,7 +142,7 @@ class Mechanism:
         return list(np.moveaxis(film.path(lambda t, u: self.places(t, u.reshape(len(t), -1))[:, trails]), 1, 0))
 
     def _box(self, places: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the two corners of a box that holds all places, arrays of shape (points, 2 or 3), and the marks."""
+        """Return two corners of a box that contains the marks and all positions, arrays of shape (points, 2 or 3)."""
         shown = np.concatenate([*places, *([place] for place, *_ in self.marks)])
         low, high = shown.min(axis=0), shown.max(axis=0)
         margin = _MARGIN * ((high - low).max() or 1.0)
@@ -165,7 +165,7 @@ class Mechanism:
         return movers
 
     def _whole(self, numbers: np.ndarray, film: Film) -> np.ndarray:
-        """Return in which frames each link is not broken, shape (frames, links)."""
+        """Return whether each link is unbroken in each frame, shape (frames, links)."""
         shown = np.ones((len(film.t), numbers.size), dtype=bool)
         strings = dict(self.strings)
         for k, number in enumerate(numbers.tolist()):
@@ -197,7 +197,7 @@ def _move_links(draw: Any, lines: Any, x: np.ndarray, links: np.ndarray, shown: 
 
 
 def _axes_of(figure: Any, low: np.ndarray, high: np.ndarray, labels: tuple[str, ...], note: str) -> Any:
-    """Add axes with one scale for all directions and limits that hold the box."""
+    """Add axes with equal scales and limits that contain the box."""
     if low.size == 2:
         axes = figure.add_subplot()
         width, height = high - low
@@ -221,7 +221,7 @@ def _axes_of(figure: Any, low: np.ndarray, high: np.ndarray, labels: tuple[str, 
 
 
 class _Plane:
-    """Draws in two dimensions."""
+    """Drawing in two dimensions."""
 
     def __init__(self, axes: Any) -> None:
         self.axes = axes
@@ -257,7 +257,7 @@ class _Plane:
         return self.axes.add_collection(faces, autolim=False).set_verts
 
     def plane(self, normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) -> None:
-        """Fill the side that is not free, far beyond the limits of the axes."""
+        """Fill the blocked side, far beyond the limits of the axes."""
         middle = (low + high) / 2
         foot = middle + (offset - normal @ middle) * normal
         along, far = np.array([-normal[1], normal[0]]), 10 * (high - low).max()
@@ -267,7 +267,7 @@ class _Plane:
 
 
 class _Space:
-    """Draws in three dimensions."""
+    """Drawing in three dimensions."""
 
     def __init__(self, axes: Any) -> None:
         self.axes = axes
@@ -284,7 +284,7 @@ class _Space:
         return self.axes.add_collection3d(Line3DCollection(np.zeros((1, 2, 3)), **style))
 
     def discs(self, radii: np.ndarray, color: str) -> Callable[[np.ndarray], None]:
-        """Add the outlines of balls, as polygons across the line of sight; return the function that moves them."""
+        """Add the outlines of balls, as polygons normal to the line of sight; return the function that moves them."""
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
         azimuth, elevation = np.radians([self.axes.azim, self.axes.elev])
@@ -295,7 +295,7 @@ class _Space:
         outline = radii[:, None, None] * (np.cos(angle) * right + np.sin(angle) * np.cross(sight, right))
         discs = Poly3DCollection(outline, facecolor=color, edgecolor="0.2", linewidth=width, alpha=0.8, zorder=1.5)
         self.axes.add_collection3d(discs)
-        self.axes.computed_zorder = False  # a large plane would otherwise cover what lies on it
+        self.axes.computed_zorder = False  # a large plane would otherwise cover objects on it
         return lambda x: discs.set_verts(x[:, None] + outline)
 
     def faces(self) -> Callable[[np.ndarray], None]:

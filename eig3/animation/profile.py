@@ -1,4 +1,4 @@
-"""A view of a field over space: the displacement of a row of masses against their places."""
+"""A view of a field over space: the displacements of a row of masses against their positions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .shapes import limits
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The displacements of a row of masses against their places, and those at the start.
+    """The displacements of a row of masses against their positions, with the displacements at the start.
 
     Attributes
     ----------

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 _TURNS = 8
-_STRAIGHT = 0.15  # part of a spring at each end that is straight
+_STRAIGHT = 0.15  # fraction of a spring at each end that is straight
 _MARGIN = 0.1
 
 
@@ -22,7 +22,7 @@ def coils(a: ArrayLike, b: ArrayLike, width: float) -> np.ndarray:
 
 
 def limits(values: np.ndarray) -> tuple[float, float]:
-    """Return limits that hold all values, with a margin."""
+    """Return limits that contain all values, with a margin."""
     low, high = float(np.min(values)), float(np.max(values))
     margin = _MARGIN * (high - low) or _MARGIN * abs(high) or 1.0
     return low - margin, high + margin

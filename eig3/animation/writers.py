@@ -1,6 +1,6 @@
 """Write the frames of a film into a file: GIF, MP4 or a page of HTML.
 
-The files of matplotlib's writers are larger, a GIF seven times, and their errors do not say what ffmpeg says.
+The files of matplotlib's writers are larger, a GIF seven times, and their errors omit the message of ffmpeg.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from typing import Any
 
 import numpy as np
 
-#: Returns frame i as an image of Pillow.
+#: A function that returns frame i as a Pillow image.
 Frame = Callable[[int], Any]
 
-_COLORS = 31  # of a palette; one more marks the pixels that do not change
-_PAPER = 248  # a colour of a palette with no component below this is white
+_COLORS = 31  # in a palette; one more marks unchanged pixels
+_PAPER = 248  # a palette colour with all components above this is white
 _NO_FFMPEG = "mp4 needs ffmpeg, which was not found: pip install imageio-ffmpeg, or choose gif or html."
 
 
 def write_film(path: Path, frame: Frame, count: int, rate: float) -> None:
-    """Write a film in the format of its ending. It gets its place when it is complete; until then an older one stays.
+    """Write a film in the format of its suffix. An existing film is replaced when the new film is complete.
 
     Raises
     ------
@@ -43,12 +43,12 @@ def write_film(path: Path, frame: Frame, count: int, rate: float) -> None:
 
 
 def kind_of(path: Path) -> str:
-    """Return the format that the ending of a file names."""
+    """Return the format of the suffix of a file."""
     return path.suffix[1:].lower()
 
 
 def write_gif(path: Path, frame: Frame, count: int, rate: float) -> None:
-    """Write a GIF with one palette for all frames; each frame holds only what has changed."""
+    """Write a GIF with one palette for all frames; each frame stores only the changed pixels."""
     first, *others = palette_frames(frame, count)
     whole = io.BytesIO()
     options = {"duration": round(1000 / rate), "loop": 0, "optimize": True, "disposal": 1}
@@ -76,7 +76,7 @@ def write_mp4(path: Path, frame: Frame, count: int, rate: float) -> None:
             assert process.stdin is not None
             for i in range(count):
                 process.stdin.write(frame(i).tobytes())
-        except BrokenPipeError:  # ffmpeg says why below
+        except BrokenPipeError:  # the message of ffmpeg is raised below
             pass
         except BaseException:
             process.kill()
@@ -88,7 +88,7 @@ def write_mp4(path: Path, frame: Frame, count: int, rate: float) -> None:
 
 
 def ffmpeg() -> str:
-    """Return the path of ffmpeg: the program that is installed, or that of the package imageio-ffmpeg."""
+    """Return the path of ffmpeg, either installed or from the package imageio-ffmpeg."""
     found = shutil.which("ffmpeg")
     if found:
         return found
@@ -100,7 +100,7 @@ def ffmpeg() -> str:
 
 
 def write_html(path: Path, frame: Frame, count: int, rate: float) -> None:
-    """Write a page that contains its frames and needs no network, with a button and a slider."""
+    """Write a self-contained HTML page with the frames, a button and a slider."""
     images = []
     for image in palette_frames(frame, count):
         png = io.BytesIO()
@@ -112,7 +112,7 @@ def write_html(path: Path, frame: Frame, count: int, rate: float) -> None:
 
 
 def palette_frames(frame: Frame, count: int) -> Iterator[Any]:
-    """Yield the frames, all with the palette of a few of them."""
+    """Yield the frames, all with a palette from a few of them."""
     from PIL import Image
 
     some = [frame(i) for i in sorted({0, count // 3, 2 * count // 3, count - 1})]
@@ -129,7 +129,7 @@ def palette_frames(frame: Frame, count: int) -> Iterator[Any]:
 
 
 def check_writer(kind: str) -> None:
-    """Raise an ImportError if something is not installed that a film in the format `kind` needs."""
+    """Raise an ImportError if a film in the format `kind` needs a package or program that is not installed."""
     if not all(find_spec(name) for name in ("matplotlib", "PIL")):
         raise ImportError("an animation needs matplotlib: pip install 'eig3[plot]'.")
     if kind == "mp4":

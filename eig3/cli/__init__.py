@@ -1,4 +1,4 @@
-"""The command line `eig3`. Each module of this package is one of its commands."""
+"""The command line `eig3`, with a module for each command."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise SystemExit(
             f"eig3 {options.command}: this does not fit in the memory: {error or 'take a shorter run or fewer members'}"
         ) from None
-    except BrokenPipeError:  # the reader of a pipe, such as `head`, has read enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output once more at its end
+    except BrokenPipeError:  # the reader of a pipe, such as `head`, has closed it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output again at exit
         return 0
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser. It has the options of a command only if `arguments` contains the command's name.
+    """Return the parser, with the options of a command only if `arguments` contains the name of the command.
 
-    To know the options of `eig3 bench`, all benchmarks must be imported. The other commands do not need this import.
+    The options of `eig3 bench` need an import of all benchmarks, which the other commands avoid.
     """
     parser = argparse.ArgumentParser(
         prog="eig3", description="Compiled explicit integrators for second-order systems u'' = f(t, u, u')."

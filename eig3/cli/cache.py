@@ -17,7 +17,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--fill",
         nargs="*",
         metavar="USE",
-        help="compile what the main uses need, on all cores, such as eig3, rk8-tolerances, ensembles or grains",
+        help="compile the code of the main uses, on all cores, such as eig3, rk8-tolerances, ensembles or grains",
     )
     parser.set_defaults(run=run)
 
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _fill(wanted: list[str]) -> None:
-    """Compile what some uses need, or all of them, each in a process of its own."""
+    """Compile the code of some uses, or of all uses, each in a separate process."""
     from ..ensembles.in_process import cores
     from .first_uses import USES, compile_use
 

@@ -1,4 +1,4 @@
-"""The main uses of the library as short runs: to run them is to compile what they need, which then is on the disk."""
+"""The main uses of the library as short runs, which compile their code and store it in the cache on the disk."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _problem(name: str, h: float) -> None:
     problem.with_(t_span=(0.0, 2 * h)).integrate(h=h)
 
 
-#: What is compiled, by its name on the command line.
+#: The uses by their names on the command line.
 USES: dict[str, tuple[Callable, dict[str, Any]]] = {
     **{name: (_runs, {"h": 0.01, "method": name}) for name in ("eig3", "cd", "rk4", "rk8", "eig9")},
     **{f"{name}-tolerances": (_runs, {"rtol": 1e-6, "method": name}) for name in ("rk5", "rk8")},
@@ -72,7 +72,7 @@ USES: dict[str, tuple[Callable, dict[str, Any]]] = {
 
 
 def compile_use(name: str) -> tuple[int, float]:
-    """Compile what a use needs, and return the number of functions that were not on the disk, and the CPU time, s."""
+    """Compile the code of a use, and return the number of functions that were not on the disk, and the CPU time, s."""
     function, options = USES[name]
     begin = time.process_time()
     with compilations() as compiled:

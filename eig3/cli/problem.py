@@ -16,7 +16,7 @@ def add_problem(parser: argparse.ArgumentParser) -> None:
 
 
 def add_method_and_end(parser: argparse.ArgumentParser, default: str) -> None:
-    """Add the options of a run other than its step; `default` describes the method if none is given."""
+    """Add the options of a run except its step; `default` describes the default method."""
     parser.add_argument("--method", metavar="NAME", help=f"the method (default: {default})")
     parser.add_argument(
         "--t-end", dest="t_end", type=float, metavar="T", help="the duration, s (default: the problem's own)"
@@ -24,7 +24,7 @@ def add_method_and_end(parser: argparse.ArgumentParser, default: str) -> None:
 
 
 def builder(name: str, command: str) -> Callable[..., Problem]:
-    """Return the function of `eig3.problems` that builds the problem `name`; `command` is named in the error.
+    """Return the function of `eig3.problems` that builds the problem `name`; errors name the `command`.
 
     Raises
     ------

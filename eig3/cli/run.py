@@ -14,7 +14,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_problem(parser)
     steps = parser.add_mutually_exclusive_group()
     steps.add_argument(
-        "--h", type=float, help="the step, s (default: the problem's own, or else at most a tenth of the critical step)"
+        "--h", type=float, help="the step, s (default: the problem's step, or at most a tenth of the critical step)"
     )
     steps.add_argument("--rtol", type=float, help="the relative tolerance, such as 1e-6, instead of a step")
     add_method_and_end(parser, "eig3, or with --rtol rkn12, rk8 or rk5")

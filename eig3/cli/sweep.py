@@ -1,7 +1,7 @@
 """Run a problem for many values of its parameters, and measure each run. Write a table and a picture.
 
-The parameters have the names that they have in Python, as in `eig3.problems.duffing(omega=1.2)`; u0[1] and v0[1] are
-entries of the start. One or two --set make a grid.
+The parameters have the same names as in Python, as in `eig3.problems.duffing(omega=1.2)`; u0[1] and v0[1] are entries
+of the initial values. One or two --set make a grid.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from ..options import add_out, count
 from .problem import add_method_and_end, add_problem, builder
 
-SUMMARY = "run a problem for many values of its parameters, and draw what they change"
+SUMMARY = "run a problem for many values of its parameters, and draw the results"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -1,1 +1,1 @@
-"""What is found out about a system and a method: linearisation, critical steps, causes of divergence."""
+"""The analysis of systems and runs: linearisation, critical steps, causes of divergence, errors and stiffness."""

@@ -1,8 +1,8 @@
-"""Find out whether a run with a fixed step has too few steps in a period of its motion. This takes some microseconds.
+"""Detect runs with a fixed step that have too few steps in a period of the motion, in some microseconds.
 
 A harmonic motion with theta = omega h has the second differences u_{n+1} - 2 u_n + u_{n-1} = -(2 sin(theta/2))^2 u_n.
-The sums of their squares over all degrees of freedom give a mean theta of the motion, in which small vibrations of high
-modes do not count.
+The sums of their squares over all degrees of freedom give a mean theta of the motion, to which small vibrations of high
+modes contribute little.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from ..stepping.stepper import Stepper
 _SUFFICIENT = 20  # steps in a period, for the step to suggest
 _FEW, _FEW_OF_HIGH_ORDER = 6, 3  # least steps in a period, for methods up to and above _LOW_ORDER
 _LOW_ORDER = 4
-_SHORT = 8  # a run of fewer steps does not show its period: any motion is curved like that
-_ROWS, _VALUES = 64, 2**14  # the largest part of the history that is looked at
-_STANDING = 1e-10  # a motion of this part of |u| is round-off
+_SHORT = 8  # a shorter run does not show its period, because any motion has a curvature
+_ROWS, _VALUES = 64, 2**14  # the largest part of the history that is analysed
+_STANDING = 1e-10  # a smaller motion relative to |u| is round-off
 _OVERDAMPED = 5.0  # damping ratio at which the limit of c h is found
 
 
@@ -31,18 +31,18 @@ def coarseness(stepper: Stepper, u: np.ndarray | None) -> str:
     Parameters
     ----------
     stepper : Stepper
-        It stands at the end of the run.
+        The stepper at the end of the run.
     u : ndarray, shape (m,) or (m, n), or None
         The displacements after every step, if they were saved.
     """
-    if u is None or len(u) <= _SHORT or stepper.method.is_stochastic:  # noise bends a path in every step
+    if u is None or len(u) <= _SHORT or stepper.method.is_stochastic:  # noise bends the path in every step
         return _at_start(stepper)
     theta = _theta(u[-max(_SHORT + 1, min(_ROWS, _VALUES // stepper.n)) :])
     return _few(stepper.h, theta, "end", "") if theta > _most(stepper.method) else ""
 
 
 def _theta(u: np.ndarray) -> float:
-    """Return the mean of omega h over equidistant states; 0.0 if they stand still."""
+    """Return the mean of omega h over equidistant states; 0.0 if they do not move."""
     with np.errstate(over="ignore", invalid="ignore"):
         about = u - u.mean(axis=0)
         bend = about[2:] - 2 * about[1:-1] + about[:-2]
@@ -57,11 +57,12 @@ def _most(method: Method) -> float:
 
 
 def _at_start(stepper: Stepper) -> str:
-    """Judge h by the changes of the acceleration along the first step, at a fixed time.
+    """Assess h by the changes of the acceleration along the first step, at a fixed time.
 
-    A single degree of freedom has one period. Many have a range of them, of which the shortest may be only just stable.
+    A single degree of freedom has one period. Many degrees of freedom have a range of periods, the shortest of which
+    may be only just stable.
     """
-    if stepper.system.history:  # that of the end of the run is no part of the start
+    if stepper.system.history:  # the history variables belong to the end of the run, not to the start
         stepper = stepper.restarted(stepper.h)
     h, (u, v), a = stepper.h, stepper.start, stepper.first_acceleration
     with np.errstate(over="ignore", invalid="ignore"):
@@ -90,7 +91,8 @@ def _at_start(stepper: Stepper) -> str:
 def _rate(stepper: Stepper, a: Any, u: Any, v: Any) -> float:
     """Return the change of f along the change of the state, relative to it, from the start to the state u, v.
 
-    It is 0.0 if the state does not change. A change of f in other degrees of freedom may have another unit.
+    It is 0.0 if the state does not change. The change of f in other degrees of freedom may have another unit, and is
+    ignored.
     """
     u0, v0 = stepper.start
     change = (u - u0) + (v - v0)  # one of them is zero

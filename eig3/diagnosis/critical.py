@@ -32,23 +32,23 @@ from ..stepping.stepper import Stepper
 from .linear import Linearised, linearise
 
 _COMMUTING = 1e-5  # K and C share modes if a common eigenvector leaves a residual below this, relative to their norms
-_RIGID = 1e-7  # rates below this fraction of the largest are errors of the differences: the motion is rigid
-_RIGID_PROJECTED = 1e-6  # the same for a projected system, whose differences have more round-off
+_RIGID = 1e-7  # rates below this fraction of the largest are errors of the differences: a rigid-body mode
+_RIGID_PROJECTED = 1e-6  # as _RIGID, for a projected system, whose differences have more round-off
 _ROUND_OFF = 1e-8  # round-off in the eigenvalues of the step of one oscillator
 _COUPLED_ROUND_OFF = 1e-6  # round-off in the eigenvalues of the step of many coupled degrees of freedom
 _NEAR = 1e-7  # relative accuracy of the search for the limit of coupled modes
-_NEAR_PROJECTED = 5e-4  # the same for a projected system, where the projection is less accurate than that
+_NEAR_PROJECTED = 5e-4  # as _NEAR, for a projected system, which is less accurate
 _SAME = 1e-3  # eigenvalues closer than this are equal: round-off is less, the difference of two methods is more
-_STEPPED = 22  # directions of each of three kinds, for an explicit method: all of them up to 64 degrees of freedom
-_SOLVED = 12  # the same for an implicit method, which needs a solve for each unit state
+_STEPPED = 22  # directions of each of three kinds, for an explicit method: all directions up to 64 degrees of freedom
+_SOLVED = 12  # as _STEPPED, for an implicit method, which needs a solve for each unit state
 _VALUES = 320  # largest size of the matrix of a step on the three kinds; its eigenvalues then take some 20 ms
-_SOLVED_TOGETHER = 32  # degrees of freedom in one solve: its cost grows with their cube
-_STEADY = ("eig3", "cd", "rk4")  # methods to suggest if the requested one has no stable step
+_SOLVED_TOGETHER = 32  # degrees of freedom in one solve, whose cost grows with their cube
+_STEADY = ("eig3", "cd", "rk4")  # methods to suggest if the requested method has no stable step
 _SHORTEST, _LONGEST = 1e-3, 100.0  # first and last step of the search, in radians of the fastest and the slowest mode
 _COUPLED_SHORTEST = 0.03  # longest first step of the search for coupled modes
-_FIRST_PART = 0.25  # the first step is at most this part of the limit with critical damping
-_SHORTER = 0.8  # factor to a step at which growth as a power of h is still seen
-_FINE, _COARSE = 1.02, 1.3  # ratio of one step of the search to the one before: for separate and for coupled modes
+_FIRST_PART = 0.25  # the first step is at most this fraction of the limit with critical damping
+_SHORTER = 0.8  # factor to a step at which growth as a power of h is still visible
+_FINE, _COARSE = 1.02, 1.3  # ratio of consecutive steps of the search: for separate and for coupled modes
 _BEYOND = np.array([1.00001, 1.0005, 1.002, 1.01])  # where a short interval of unstable steps may begin at a limit
 
 AT_STATE = "at this state, and not where the system becomes stiffer"
@@ -67,14 +67,14 @@ class CriticalStep:
         Undamped angular frequency of the mode that limits the step, in radians per unit of time; 0.0 if the mode has no
         restoring force.
     xi : float
-        Damping ratio of that mode: negative if the system excites it, infinite if it has no restoring force.
+        Damping ratio of this mode: negative if the system excites it, infinite if it has no restoring force.
     evaluations : int
-        Number of evaluations of the right-hand side that the search took.
+        Number of evaluations of the right-hand side in the search.
     limit : float
         The longest stable step. Beyond it the linearised system is unstable or, with fixed-point iteration, the solve
         does not converge.
     holds : str
-        Where the step is stable: in words.
+        A description of where the step is stable.
     """
 
     h: float
@@ -86,7 +86,7 @@ class CriticalStep:
 
 
 class NoCriticalStepError(ValueError):
-    """There is no longest stable step: every step is stable, or none is."""
+    """There is no longest stable step: every step is stable, or no step is stable."""
 
 
 class NoStableStepError(NoCriticalStepError):
@@ -118,7 +118,7 @@ def critical_step(
         The time of the state.
     safety : float
         Factor from `limit` to `h`, above 0 and up to 1. A nonlinear system can have higher frequencies at later states.
-        A stable step is not always an accurate one: `eig3.plan` finds a step for a given accuracy.
+        A stable step is not always accurate: `eig3.plan` finds a step for a given accuracy.
 
     Returns
     -------
@@ -130,24 +130,24 @@ def critical_step(
         If `eig3.integrate` would refuse the arguments, if rhs is not finite close to the state, or if a method with
         velocity="none" is given a rhs that reads v.
     NoCriticalStepError
-        A ValueError. It is raised if nothing at this state limits the step, and if the method is unstable at every
-        step, as RK2, AB2 and EIG of the grades 6, 7, 10 and 11 are without damping. If the growth is slow, the message
-        names the step up to which it is below 1e-5 a step.
+        A ValueError, if nothing at this state limits the step, or if the method is unstable at every step, as RK2, AB2
+        and EIG of the grades 6, 7, 10 and 11 without damping. If the growth is slow, the message gives the longest step
+        with a growth below 1e-5 a step.
 
     Notes
     -----
-    K = -df/du and C = -df/dv come from differences of rhs. At a kink the stiffer side counts. Up to 64 degrees of
+    K = -df/du and C = -df/dv are computed by differences of rhs, at a kink on the stiffer side. Up to 64 degrees of
     freedom K and C are full matrices, and the limit of a smooth rhs is accurate to about 1e-6. For larger systems they
-    are projected on 60 to 90 directions, which Arnoldi's iteration finds, and the limit is up to some 0.1 % too long.
+    are projected on 60 to 90 directions of Arnoldi's iteration, and the limit is up to about 0.1 % too long.
 
-    If K and C have common modes, each mode is an oscillator u'' + c u' + k u = 0, and a growth below 1e-8 a step is
-    round-off. If they have none, the step of a Runge-Kutta or Adams method still depends on the rates of the system's
-    own modes only. The step of EIG-3, of EIG of any grade and of central difference does not: the kernel then takes one
-    step of the whole system from each unit state, and the limit follows from the eigenvalues of the matrix of these
-    steps, with a round-off of 1e-6. An implicit method takes these steps on the 36 fastest directions at most, EIG of
-    grade 5 on 45, and of grade 13 on 21; with more degrees of freedom, the limit is accurate to 5e-4 or so.
+    If K and C have common modes, each mode is an oscillator u'' + c u' + k u = 0, and a growth below 1e-8 a step counts
+    as round-off. Otherwise, the limit of a Runge-Kutta or Adams method still depends only on the complex rates of the
+    modes. For EIG-3, EIG of any grade and central difference, the kernel takes one step of the whole system from each
+    unit state, and the limit is computed from the eigenvalues of the matrix of these steps, with a round-off of 1e-6.
+    An implicit method takes these steps on at most the 36 fastest directions, EIG of grade 5 on 45, and of grade 13 on
+    21; with more degrees of freedom, the limit is accurate to about 5e-4.
 
-    A solution may grow if the system itself grows, as from an unstable position.
+    A stable step does not prevent physical growth, as from an unstable position.
     """
     method, t = check_method(method), check_time(t, "t")
     if isinstance(safety, bool) or not (isinstance(safety, numbers.Real) and 0 < safety <= 1):
@@ -157,12 +157,12 @@ def critical_step(
 
 
 def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, safety: float = 1.0) -> CriticalStep:
-    """Do the same as `critical_step` for a function ``acceleration(t, u, v)`` that is finite at the state."""
+    """Return the critical step for a function ``acceleration(t, u, v)`` that is finite at the state."""
     return _of_system(linearise(acceleration, t, u, v), method, safety)
 
 
 def with_encounters(find: Callable[[], CriticalStep], encounter: Callable[[], CriticalStep]) -> CriticalStep:
-    """Return the step that is stable at the start, which `find` finds, and in the encounters that follow."""
+    """Return the step that is stable at the start, from `find`, and in later collisions, from `encounter`."""
     found: list[CriticalStep] = []
     for search in (find, encounter):
         try:
@@ -178,7 +178,7 @@ def with_encounters(find: Callable[[], CriticalStep], encounter: Callable[[], Cr
 
 
 def of_encounters(encounters: tuple[np.ndarray, np.ndarray], method: Method, safety: float = 0.9) -> CriticalStep:
-    """Return the critical step of the encounters u'' + c u' + k u = 0, from the arrays k and c."""
+    """Return the critical step of the collisions u'' + c u' + k u = 0, from the arrays k and c."""
     k, c = (np.append(0.0, x) for x in encounters)
     return _of_system(Linearised(np.diag(k), np.diag(c), 0), method, safety)
 
@@ -202,7 +202,7 @@ def _of_system(system: Linearised, method: Method, safety: float) -> CriticalSte
 
 
 def _growth_of(method: Method, system: Linearised) -> str:
-    """Say how fast the motion grows at short steps, and up to which step that is negligible in most runs."""
+    """Describe the growth at short steps, and the longest step with a negligible growth."""
     h, _, _ = longest_stable_step(method, system, NEGLIGIBLE_GROWTH)
     if h == 0:
         return "choose "
@@ -212,7 +212,7 @@ def _growth_of(method: Method, system: Linearised) -> str:
 
 
 def _such_as(system: Linearised) -> str:
-    """Name methods that have a stable step. EIG-5 is named where EIG-3 has none, as with gyroscopic forces alone."""
+    """Name methods that have a stable step; EIG-5 if EIG-3 has none, as with gyroscopic forces alone."""
 
     def has_step(name: str) -> bool:
         return longest_stable_step(check_method(name), system)[0] > 0
@@ -226,14 +226,14 @@ def _such_as(system: Linearised) -> str:
 def longest_stable_step(method: Method, system: Linearised, growth: float = 0.0) -> tuple[float, float, float]:
     """The limit, and the frequency and damping ratio of the mode that sets it.
 
-    The limit is 0 if the method is unstable at every step, and infinite if nothing limits the step. With a `growth`, it
-    is the limit of the steps at which the motion grows by at most this much a step.
+    The limit is 0 if the method is unstable at every step, and infinite if nothing limits the step. With a `growth`,
+    steps with at most this growth a step count as stable.
     """
     rates = system.rates()
     if not rates.any():
         return math.inf, 0.0, 0.0
     if not system.C.any():
-        method = method.without_velocity()  # the same step, without a solve
+        method = method.without_velocity()  # an equal step, without a solve
     modes = _modes(system)
     if modes is None and not method.is_implicit and _sees_rates(method):
         modes = _oscillators_of(rates)
@@ -249,7 +249,7 @@ def _directions(method: Method) -> int:
 
 
 def _frequency(k: complex, c: complex) -> tuple[float, float]:
-    """Undamped frequency and damping ratio of a mode u'' + c u' + k u = 0; c is imaginary in a gyroscopic one."""
+    """Undamped frequency and damping ratio of a mode u'' + c u' + k u = 0; c is imaginary in a gyroscopic mode."""
     omega = math.sqrt(max(0.0, k.real))
     if abs(c.imag) > _COMMUTING * abs(c):
         rate = max(np.roots([1.0, c, k]), key=abs)
@@ -260,12 +260,12 @@ def _frequency(k: complex, c: complex) -> tuple[float, float]:
 
 
 def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return k and c of each mode u'' + c u' + k u = 0 that K and C have in common; None if they do not share modes."""
+    """Return k and c of each common mode u'' + c u' + k u = 0 of K and C; None if they do not share modes."""
     K, C = system.K, system.C
     norm_k, norm_c = (float(np.linalg.norm(x, 2)) for x in (K, C))
     fastest = max(math.sqrt(norm_k), norm_c)
     norm_k, norm_c = norm_k or 1.0, norm_c or 1.0
-    # The weight is arbitrary: it only has to give different modes different sums.
+    # The weight is arbitrary: it must only give different modes different sums.
     shapes = np.linalg.eig(K / norm_k + 0.7310585786 * C / norm_c)[1]
     k, c = (np.einsum("ij,ij->j", shapes.conj(), x @ shapes) for x in (K, C))
     left_k = np.abs(K @ shapes - k * shapes).max() / norm_k
@@ -295,7 +295,7 @@ def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray, allowed: float) -
 
     slowest = float(np.where(k != 0, np.sqrt(np.abs(k)), np.abs(c)).min())
     steps = _geometric(_SHORTEST, _LONGEST / slowest, _FINE)
-    if not c.any() and k.max() > 0:  # BM6 is unstable in a short interval only
+    if not c.any() and k.max() > 0:  # BM6 is unstable only in a short interval
         steps = np.union1d(steps, limit_of(method) / math.sqrt(k.max()) * _BEYOND)
         steps = steps[(steps > 0) & np.isfinite(steps)]
     blocks = np.array_split(steps, len(steps) // 50 + 1)
@@ -310,7 +310,7 @@ def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray, allowed: float) -
     if math.isinf(limit):
         return limit, 0.0, 0.0
     grown = growth(limit * _BEYOND if limit > 0 else np.array([0.1]))
-    first = np.argmax(grown.max(axis=1) > 2 * _ROUND_OFF)  # further on, another mode may grow faster
+    first = np.argmax(grown.max(axis=1) > 2 * _ROUND_OFF)  # at later steps, another mode may grow faster
     limiting = int(np.argmax(grown[first]))
     return limit / scale, float(k[limiting]) * scale * scale, float(c[limiting]) * scale
 
@@ -320,7 +320,7 @@ def _geometric(first: float, last: float, ratio: float) -> np.ndarray:
 
 
 def _growth(matrices: np.ndarray, h: Any, rates: np.ndarray) -> np.ndarray:
-    """The numerical growth in one step, beyond what grows in the system with these rates itself.
+    """The numerical growth in one step, beyond the physical growth of the system with these rates.
 
     The matrix may have as many roots outside the unit circle as the system has growing rates. These roots may grow at
     up to twice the fastest of the rates.
@@ -336,14 +336,14 @@ def _growth(matrices: np.ndarray, h: Any, rates: np.ndarray) -> np.ndarray:
 
 
 def _oscillators_of(rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """k and c of oscillators with these rates: one for each conjugate pair, one with a double root for a real rate."""
+    """k and c of oscillators with these rates: one for each conjugate pair or, with a double root, for a real rate."""
     upper = rates[rates.imag >= 0]
     return np.abs(upper) ** 2, -2 * upper.real
 
 
 @functools.cache
 def _sees_rates(method: Method) -> bool:
-    """Whether the method's step depends on the rates of a system only, as for every method of first-order systems.
+    """Whether the step of the method depends only on the rates of a system, as for every method of first-order systems.
 
     The test system has stiffness, damping and gyroscopic forces of similar size, without common modes.
     """
@@ -372,8 +372,8 @@ def _coupled_limit(method: Method, system: Linearised, allowed: float) -> tuple[
     while low > 0 and high > (1 + near) * low:
         middle = math.sqrt(low * high)
         low, high = (middle, high) if is_stable(middle) else (low, middle)
-    # As in `first_exit`: a method that grows at every step passes the tolerance too, but not steeply. Several steps are
-    # tried, because the system can be stable again just beyond a limit.
+    # As in `first_exit`: a method that grows at every step also exceeds the tolerance, but not steeply. Several steps
+    # are # tried, because the system can be stable again just beyond a limit.
     steep = [h for h in (_BEYOND * high).tolist() if not is_stable(h, 2 * _COUPLED_ROUND_OFF)]
     shape = _limiting_shape(method, system, max(steep, default=high))
     k, c = (complex(shape.conj() @ x @ shape) for x in (system.K, system.C))
@@ -387,20 +387,20 @@ def _limiting_shape(method: Method, system: Linearised, h: float) -> np.ndarray:
     matrix = _step_matrix(method, system, h)
     if np.isfinite(matrix).all():
         values, vectors = np.linalg.eig(matrix)
-        # A numerical instability alternates or oscillates from step to step. A growth of the system itself does not.
+        # A numerical instability alternates or oscillates from step to step. Physical growth does not.
         limiting = np.argmax(np.where(np.abs(values) > 1, np.abs(values - 1), 0.0))
         shape = vectors[: len(system.K), limiting]
-    else:  # the solve for v fails, and it is harder the larger h C is
+    else:  # the solve for v fails, because h C is too large
         values, vectors = np.linalg.eig(system.C)
         shape = vectors[:, np.argmax(np.abs(values))]
     return shape / np.linalg.norm(shape)
 
 
 def _steps(method: Method, system: Linearised, fastest: float) -> list[float]:
-    """The steps at which to look for an instability, from the shortest to the longest.
+    """The steps at which to test for an instability, from the shortest to the longest.
 
-    They include some just above the undamped limit of the stiffest mode. A solution of central difference that
-    alternates from step to step has zero velocity, so that gyroscopic forces do not act on it: there one mode becomes
+    They include some steps just above the undamped limit of the stiffest mode. A solution of central difference that
+    alternates from step to step has zero velocity, and gyroscopic forces do not act on it: there one mode becomes
     unstable. At the undamped limit of a second mode, gyroscopic forces can stabilise both again.
     """
     stiffness = np.abs(np.linalg.eigvals(system.K))

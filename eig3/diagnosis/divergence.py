@@ -17,12 +17,12 @@ from ..stepping.stepper import Stepper
 from .critical import CriticalStep, NoStableStepError, critical
 from .linear import linearise
 
-_OVERFLOWING = 1e100  # a right-hand side may overflow for states larger than this, even if it is correct
+_OVERFLOWING = 1e100  # even a correct right-hand side may overflow for larger states
 _BLOWN_UP = 1e3  # a motion that grows by more than this factor counts as unstable
-_BROUGHT_ABOUT = 1e-3  # a critical step shorter than this part of h is a result of the blow-up, not its cause
+_BROUGHT_ABOUT = 1e-3  # a critical step shorter than this fraction of h is a result of the blow-up, not its cause
 _SAME_LIMIT = 0.02  # two critical steps whose relative difference is less than this are reported as one
 _SAFETY = 0.9  # factor from a critical step to the longest step that is tried
-_HALVINGS = 8  # number of steps to try, each half as long as the one before
+_HALVINGS = 8  # number of steps to try, each half as long as the previous step
 _STRIDE_GROWTH = 16  # factor from one stride to the next in the search for the beginning of the growth
 _PATIENCE = 2.5  # largest number of steps of all trials together, relative to the steps of the run
 _LEAST_WORK = 3e7  # the trials may also take this many steps, divided by the degrees of freedom plus 10
@@ -81,13 +81,13 @@ class Divergence:
 
 
 def became_non_finite(t: float, h: float, degree: int | None) -> str:
-    """Say that a state became non-finite in the step h after the time t; `degree` is None in the scalar form."""
+    """Return the message that a state became non-finite in the step h after t; `degree` is None in the scalar form."""
     where = "" if degree is None else f" in degree of freedom {degree}"
     return f"The run became non-finite at t = {t + h:g}{where}, with h = {h:g}"
 
 
 def lost_constraints(has_constraints: bool) -> str:
-    """Say what may have become of constraints."""
+    """Return a clause about constraints that could not be satisfied."""
     if not has_constraints:
         return ""
     return (
@@ -99,12 +99,12 @@ def lost_constraints(has_constraints: bool) -> str:
 def find_divergence(stepper: Stepper) -> Divergence:
     """Find the last finite state of the last chunk by bisection.
 
-    A chunk can be divided at any step, and its states stay the same to the last bit. The search is therefore exact.
+    A chunk can be divided at any step with bitwise the same states. The search is therefore exact.
 
     Parameters
     ----------
     stepper : Stepper
-        It stands after the chunk, at a state that is not finite.
+        The stepper after the chunk, at a state that is not finite.
     """
     before = stepper.before()
     last = _last(before, stepper.index, lambda s: s.is_finite)
@@ -140,7 +140,7 @@ class BlowUp:
 
     @property
     def message(self) -> str:
-        """When and how far the motion grew, and the critical step."""
+        """The time and the amount of the growth, and the critical step."""
         last = self.last
         return (
             f"The motion stayed finite up to t = {last.t:g}, but from t = {self.began:g} on it grew to "
@@ -156,15 +156,15 @@ def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
     """Return a `BlowUp` if a motion grew because of its step, and None if it grew for a physical reason.
 
     A motion can grow for a physical reason: it leaves an unstable equilibrium, it is in resonance, or it falls freely.
-    Then h is below the critical step. If the method is unstable at every step, there is no critical step to compare
-    with. The step is then the reason only if the motion grew much faster than the linearised system grows.
+    Then h is below the critical step. If the method is unstable at every step, there is no critical step. The step is
+    then the reason only if the motion grew much faster than the linearised system.
 
     Parameters
     ----------
     stepper : Stepper
-        It stands at the end of the run.
+        The stepper at the end of the run.
     before : Stepper
-        It stands at a state before the growth.
+        A stepper at a state before the growth.
     """
     start = stepper.restarted(stepper.h)
     sane = last_sane(before, stepper.index, start)
@@ -184,8 +184,8 @@ def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
 def last_sane(before: Stepper, bad_index: int, start: Stepper) -> Stepper:
     """Return a stepper at the last state before step `bad_index` that is less than 1000 times the start.
 
-    If the first step is not, return the state after this step. A run that does not take long is repeated up to this
-    state: then the result does not depend on `before`, the end of a chunk, whose length depends on the machine.
+    If the first step exceeds this, return the state after this step. A short run is repeated up to this state: then the
+    result does not depend on `before`, the end of a chunk, whose length depends on the machine.
     """
 
     def is_sane(stepper: Stepper) -> bool:
@@ -204,7 +204,7 @@ def last_sane(before: Stepper, bad_index: int, start: Stepper) -> Stepper:
 
 
 def _last(stepper: Stepper, bad_index: int, is_good: Callable[[Stepper], bool]) -> Stepper:
-    """Find by bisection the last good state between the step at which `stepper` stands and step `bad_index`."""
+    """Find by bisection the last good state between the step of `stepper` and step `bad_index`."""
     while bad_index - stepper.index > 1:
         middle = stepper.fork()
         middle.advance((bad_index - stepper.index) // 2)
@@ -225,7 +225,7 @@ def _own_rate(stepper: Stepper) -> float:
 
 
 def _comparison(last: Stepper, steps: list[tuple[str, CriticalStep]]) -> str:
-    """Say what the critical steps are; empty if there are none."""
+    """Describe the critical steps; empty if there are none."""
     shown = [f"{step.limit:.4g} {when}{_mode(step)}" for when, step in steps]
     return f"the critical step of {last.method!r} is {' and '.join(shown)}" if shown else ""
 
@@ -257,7 +257,7 @@ def _critical_steps(start: Stepper, sane: Stepper) -> tuple[list[tuple[str, Crit
 
 
 def _culprit(last: Stepper) -> str:
-    """Say that rhs returns a value that is not finite during the next step; empty if it does not."""
+    """Describe a value of rhs that is not finite during the next step; empty if there is none."""
     if _size(last) >= _OVERFLOWING:
         return ""
     for t in (last.t, last.t + last.h / 2, last.t + last.h):
@@ -286,7 +286,7 @@ def _mode(step: CriticalStep) -> str:
 
 
 def _remedy(last: Stepper, limits: list[float]) -> str:
-    """Name a step with which the run stays bounded up to the time of its failure, or say why none is named."""
+    """Name a step with which the run stays bounded up to the time of its failure, or the reason why none is named."""
     end = last.t + last.h
     left = max(_PATIENCE * last.index, _LEAST_WORK / (10 + np.size(last.u)))
     tried = last.h
@@ -304,7 +304,7 @@ def _remedy(last: Stepper, limits: list[float]) -> str:
 def _candidates(h: float, limits: list[float]) -> list[float]:
     """Return the steps to try, the longest first.
 
-    They are 0.9 times the smaller of h and the largest critical step, the halves of this step, and 0.9 times the
+    They are 0.9 times the smaller of h and the largest critical step, successive halves of this step, and 0.9 times the
     shortest critical step.
     """
     longest = _SAFETY * min([h, *([max(limits)] if limits else [])])

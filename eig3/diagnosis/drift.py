@@ -1,4 +1,4 @@
-"""Judge an invariant of a run: whether it grew steadily, and its drift beside the terms of which it is the sum."""
+"""Assess an invariant of a run: steady growth, and the drift relative to the terms of which it is the sum."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from ..kernels.protocol import PART, PART_END, PARTS
 from ..stepping.stepper import Stepper
 from ..stepping.variable_stepper import VariableStepper
 
-_BEYOND = 10.0  # least drift that is noted, relative to the terms at the start
-_SHOWN = 0.05  # and relative to those at the end: near an unstable position, the terms at the start are small
-_STEPS = 10  # more steps whose velocities count at the end: the errors of a method of order 2 are smaller
-_PAIRS, _FEWEST = 6, 4  # the largest and the least number of parts in which an invariant must grow to grow steadily
-_NOTABLE = 1e-6  # least growth over the run that is noted, relative to the invariant
-# The same of an energy less the work, relative to the larger of both. The errors of the work add up in a stable run
-# too, to 2 % at resonance with EIG-3 and omega h = 0.2.
+_BEYOND = 10.0  # least reported drift, relative to the terms at the start
+_SHOWN = 0.05  # and relative to the terms at the end: near an unstable position, the terms at the start are small
+_STEPS = 10  # additional steps whose velocities count at the end
+_PAIRS, _FEWEST = 6, 4  # the largest and the least number of parts of a run in which an invariant must grow
+_NOTABLE = 1e-6  # least reported growth over the run, relative to the invariant
+# Least reported growth of an energy minus the work, relative to the larger of both. The errors of the work also #
+# accumulate in a stable run, to 2 % at resonance with EIG-3 and omega h = 0.2.
 _NOTABLE_BALANCE = 0.1
-_VISIBLE = 0.1  # least growth over the run that is noted, relative to the oscillation of the invariant in a part
+_VISIBLE = 0.1  # least reported growth over the run, relative to the oscillation of the invariant in a part
 
 
 def excess(march: Stepper | VariableStepper, k: int, h: float) -> float:
-    """Return the drift of an invariant relative to its terms at the start; 0.0 if that is not beyond all reason.
+    """Return the drift of an invariant relative to its terms at the start; 0.0 if it is not far beyond them.
 
-    The terms are the value without velocities and the change by them. Velocities count without their signs, with some
-    weights, so that the terms of a momentum do not cancel. The work belongs to the terms of an energy less the work. At
-    the end, the velocities of some more steps count too: the motion may be where it turns back.
+    The terms are the value without velocities and the change by the velocities. Velocities enter by their magnitudes,
+    with different weights, to avoid cancellation in a momentum. The work is a term of an energy minus the work. At the
+    end, the velocities of some more steps are included, because the motion may be at a turning point.
 
     Parameters
     ----------
     march : Stepper or VariableStepper
-        It stands at the end of the run.
+        The stepper at the end of the run.
     k : int
-        The number of the invariant.
+        The index of the invariant.
     h : float
-        The step, or the mean one.
+        The step, or the mean step.
     """
     assert march.look
     look = march.look
     drift = look.drift_of(k)
-    if not drift > _BEYOND * abs(look.start_of(k)):  # this is so in nearly all runs
+    if not drift > _BEYOND * abs(look.start_of(k)):  # as in nearly all runs
         return 0.0
     invariant, work = look.followed.quantities[k].callback, look.followed.work[k]
 
@@ -65,20 +65,20 @@ def excess(march: Stepper | VariableStepper, k: int, h: float) -> float:
 def growth(march: Stepper | VariableStepper, k: int) -> float:
     """The growth of an invariant e over the run, relative to e.
 
-    It is 0.0 if e did not grow steadily, and infinite if e overflowed. The growth of an energy less the work is
-    relative to the larger of the two, of which it is the difference.
+    It is 0.0 if e did not grow steadily, and infinite if e overflowed. The growth of an energy minus the work is
+    relative to the larger of the two.
 
-    The growth is steady if e grows from each of the last parts of the run to the next. A part is longer by a fifth
-    than the part before it, so that the parts do not all end in the same phase of a periodic motion, and the last
-    ones cover nearly all of the run. It is 0.0 if no velocity has changed its sign at least twice from one end of a
-    part to the next: the run may then be shorter than a period, and the error of e only follows the motion.
+    The growth is steady if e grows from each of the last parts of the run to the next part. A part is longer by a fifth
+    than the previous part: the parts then end in different phases of a periodic motion, and the last parts cover nearly
+    all of the run. The growth is 0.0 if no velocity has changed its sign at least twice between the ends of parts: the
+    run may then be shorter than a period, and the error of e only follows the motion.
 
     Parameters
     ----------
     march : Stepper or VariableStepper
-        It stands at the end of the run.
+        The stepper at the end of the run.
     k : int
-        The number of the invariant.
+        The index of the invariant.
     """
     look: Any = march.look
     column, start = look.column(k), look.start_of(k)
@@ -104,7 +104,7 @@ def growth(march: Stepper | VariableStepper, k: int) -> float:
     else:
         size, notable = abs(start) or growth, _NOTABLE
     if growth > size:
-        # So fast a growth is not as in a straight line.
+        # Such fast growth is not linear.
         growth = float(high[-1] - start)
     return growth / size if growth > max(notable * size, _VISIBLE * np.median(width)) else 0.0
 
@@ -113,14 +113,14 @@ def _last_parts(march: Stepper | VariableStepper, column: int) -> tuple[np.ndarr
     """Return the lowest and the highest value in each of the last parts, the signs of v at their ends, and the step
     indices in their middle.
 
-    The part in which the run ended is one with the part before it, unless it is complete.
+    An incomplete last part is merged with the previous part.
     """
     look, tally, index = march.look, march.tally, march.index
     assert look
     part = int(tally[PART])
     ends = [0, 1]
     while len(ends) < part + 2:
-        ends.append(ends[-1] + max(1, ends[-1] // 5))  # as the kernel divides the run
+        ends.append(ends[-1] + max(1, ends[-1] // 5))  # the same division as in the kernel
     rows = np.arange(max(0, part + 1 - PARTS), part + 1) % PARTS
     (low, high), forward = look.parts[rows, :, column].T, look.forward[rows]
     if len(rows) > 1 and index < tally[PART_END]:
@@ -128,7 +128,7 @@ def _last_parts(march: Stepper | VariableStepper, column: int) -> tuple[np.ndarr
         low, high, forward = low[:-1], high[:-1], forward[:-1]
         del ends[-2]
     ends[-1] = index
-    # Two parts together are long enough to hold some periods, and the last six such pairs are most of the run.
+    # Two parts together are long enough to contain some periods, and the last six such pairs are most of the run.
     pairs = min(_PAIRS, len(low) // 2)
     begin = len(low) - 2 * pairs
     low, high = np.minimum(low[begin::2], low[begin + 1 :: 2]), np.maximum(high[begin::2], high[begin + 1 :: 2])

@@ -11,16 +11,16 @@ import numpy as np
 
 _FULL = 64  # degrees of freedom up to which K and C are full matrices
 _DIRECTIONS = 60  # dimension of a Krylov space
-_FEW_DIRECTIONS = 12  # dimension of one for the largest rates only
-_VALUES = 2**25  # largest number of values in the vectors that are kept: 256 MB
+_FEW_DIRECTIONS = 12  # dimension of a Krylov space for only the largest rates
+_VALUES = 2**25  # largest number of values in the stored vectors: 256 MB
 _INCREMENT = 2.0**-26  # first increment of u or v, relative to its size: balances truncation against round-off
 _LONGEST_INCREMENT = 2.0**-10  # longest increment, relative to the size of u or v
-_TELLING = 2.0**-40  # least change of the acceleration, relative to its terms: three digits of it are above round-off
+_TELLING = 2.0**-40  # least change of the acceleration, relative to its terms: three of its digits are above round-off
 _ROUNDED = 2.0**-51  # a relative change of u of about its round-off
 _LENGTHENED = 2.0**9  # factor to an increment of 2^-17, the cube root of round-off, for central differences
 _SMOOTH = 1e-6  # rhs is smooth if the quotients over the two increments differ by at most this, relatively
 _STRAIGHT = 1e-2  # rhs is straight over an increment if two quotients differ by at most this, relatively
-_ROUND_OFF = 1e-6  # relative round-off of products that differences give
+_ROUND_OFF = 1e-6  # relative round-off of products by differences
 _UNDAMPED = 1e-6  # damping ratio below which a system counts as undamped
 
 
@@ -31,8 +31,8 @@ class Linearised:
     Attributes
     ----------
     K, C : ndarray, shape (m, m)
-        On m orthonormal directions. Up to 64 degrees of freedom these are all directions. Above, they span Krylov
-        spaces, which contain the highest frequencies and the strongest dampings to some 0.1 %.
+        The matrices on m orthonormal directions. Up to 64 degrees of freedom these are all directions. Above, they span
+        Krylov spaces, which contain the highest frequencies and the strongest dampings to about 0.1 %.
     evaluations : int
         Number of evaluations of f.
     is_complete : bool
@@ -66,7 +66,7 @@ class _Derivative:
         self._noise = _TELLING * terms
 
     def __call__(self, w: np.ndarray, increment: float) -> np.ndarray:
-        """Return the product on the stiffer side. The sides differ at a kink, for example where a contact begins."""
+        """Return the product on the stiffer side. The sides differ at a kink, such as the beginning of a contact."""
         ahead, behind = self._sides(w, increment)
         product = np.where(np.abs(ahead) >= np.abs(behind), ahead, behind)
         if not np.isfinite(product).all():
@@ -74,14 +74,14 @@ class _Derivative:
         return product
 
     def _sides(self, w: np.ndarray, increment: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the products from the differences ahead of the state and behind it."""
+        """Return the products from the forward and the backward difference."""
         dx = increment / float(np.abs(w).max())
         return (self._a - self._f(self._x + dx * w)) / dx, (self._f(self._x - dx * w) - self._a) / dx
 
     def column(self, w: np.ndarray, scale: float) -> np.ndarray:
         """Return the product from central differences over a longer increment, which have less round-off.
 
-        If f is not smooth over that increment, return the product that `measure` finds.
+        If f is not smooth over this increment, return the product from `measure`.
         """
         size, product = self.measure(w, scale)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -91,7 +91,7 @@ class _Derivative:
         return mean if smooth else product
 
     def measure(self, w: np.ndarray, scale: float = 0.0) -> tuple[float, np.ndarray]:
-        """Find an increment along w over which f is nearly straight, but changes much more than its round-off.
+        """Find an increment along w over which f is nearly linear, but changes much more than its round-off.
 
         Returns
         -------
@@ -133,12 +133,12 @@ def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
     u, v = np.atleast_1d(u), np.atleast_1d(v)
     K, C = _all_directions(by_u, by_v, u, v) if u.size <= _FULL else _fast_directions(by_u, by_v, u.size)
     if np.linalg.norm(C, 2) <= _UNDAMPED * math.sqrt(np.linalg.norm(K, 2)):
-        C = np.zeros_like(K)  # a force with the square of v leaves a small damping in the differences at v = 0
+        C = np.zeros_like(K)  # at v = 0, a force with the square of v gives a small damping in the differences
     return Linearised(K, C, evaluations, u.size <= _FULL)
 
 
 def fast_rates(f: Callable, t: float, u: Any, v: Any, h: float) -> np.ndarray:
-    """Return some of the rates s of the solutions exp(s t) at a state as s h, the largest among them, at a low cost.
+    """Return some of the rates s of the solutions exp(s t) at a state as s h, including the largest, at a low cost.
 
     They are the eigenvalues of (u, h v) -> h d(u, h v)/dt on a small Krylov space. Those with the largest absolute
     values are accurate to some percent.
@@ -172,7 +172,7 @@ def _derivatives(f: Callable, t: float, u: Any, v: Any) -> tuple[_Derivative, _D
     a = evaluate(u, v)
     u_size, v_size = (float(np.abs(x).max()) for x in (u, v))
     terms = max(float(np.abs(a).max()), _cancelled(lambda x: evaluate(x, v), u, a))
-    natural = math.sqrt(terms) * math.sqrt(u_size)  # the velocity that a motion at rest in u can reach
+    natural = math.sqrt(terms) * math.sqrt(u_size)  # the velocity that a motion from rest at u can reach
     by_u = _Derivative(lambda x: evaluate(x, v), u, a, u_size or 1.0, terms)
     by_v = _Derivative(lambda x: evaluate(u, x), v, a, max(v_size, natural) or 1.0, terms)
     return by_u, by_v
@@ -188,7 +188,7 @@ def _cancelled(f: Callable, u: np.ndarray, a: np.ndarray) -> float:
 def _all_directions(
     by_u: _Derivative, by_v: _Derivative, u: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the full K and C. Each column has its own increment, because u may contain lengths and angles."""
+    """Return the full K and C. Each column has a separate increment, because u may contain lengths and angles."""
     units = np.eye(u.size)
     K, C = (
         np.transpose([d.column(w, abs(float(x[j]))) for j, w in enumerate(units)]) for d, x in ((by_u, u), (by_v, v))
@@ -197,7 +197,7 @@ def _all_directions(
 
 
 def _fast_directions(by_u: _Derivative, by_v: _Derivative, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return K and C on the directions in which K, C, and the combination of them that limits the step, are largest."""
+    """Return K and C on the directions in which K, C, and their combination that limits the step, are largest."""
     w = np.random.default_rng(2).standard_normal(n)
     (du, _), (dv, cw) = by_u.measure(w), by_v.measure(w)
 
@@ -211,7 +211,7 @@ def _fast_directions(by_u: _Derivative, by_v: _Derivative, n: int) -> tuple[np.n
     if not cw.any():
         return H, np.zeros_like(H)
     CV = np.array([c(w) for w in stiff])
-    # With damping proportional to mass and stiffness, only the last direction leads out of the space.
+    # With damping proportional to mass and stiffness, only the last direction leaves the space.
     if np.linalg.norm(CV[:-1] - (CV[:-1] @ stiff.T) @ stiff) <= _ROUND_OFF * np.linalg.norm(CV):
         m = max(1, len(stiff) - 1)
         return H[:m, :m], stiff[:m] @ CV[:m].T
@@ -241,7 +241,7 @@ def _krylov_space(apply: Callable, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return an orthonormal basis of a Krylov space by Arnoldi's iteration, and the operator in this basis.
 
     `scipy.sparse.linalg.eigs` returns no such basis, and `critical_step` and `explain` do not need SciPy.
-    If there is memory for few vectors only, the iteration restarts from the best vector found.
+    If there is memory for only few vectors, the iteration restarts from the best vector.
     """
     most = max(8, min(_DIRECTIONS, _VALUES // (3 * n)))
     w = np.random.default_rng(1).standard_normal(n)
@@ -259,7 +259,7 @@ def _arnoldi(apply: Callable, w: np.ndarray, most: int) -> tuple[np.ndarray, np.
     for j in range(most):
         w = apply(V[j])
         before = np.linalg.norm(w)
-        for _ in range(2):  # the second pass removes what round-off leaves
+        for _ in range(2):  # the second pass removes round-off
             along = V[: j + 1] @ w
             H[: j + 1, j] += along
             w = w - along @ V[: j + 1]
@@ -272,7 +272,7 @@ def _arnoldi(apply: Callable, w: np.ndarray, most: int) -> tuple[np.ndarray, np.
 
 
 def _orthonormal(W: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis of the space of the rows, without directions that only round-off adds."""
+    """Return an orthonormal basis of the row space, without directions that come only from round-off."""
     Q, R = np.linalg.qr(W.T)
     left, sizes, _ = np.linalg.svd(R)
     return (Q @ left[:, sizes > _ROUND_OFF * sizes[0]]).T

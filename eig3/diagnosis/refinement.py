@@ -1,4 +1,4 @@
-"""Estimate the error and the order of a run from two more runs with shorter steps, by Richardson's extrapolation.
+"""Estimate the error and the order of a run from two more runs with shorter steps, by Richardson extrapolation.
 
 If the error of u is e for the steps of the run, e / q for steps shorter by a ratio r, and e / q^2 for r^2, then the
 order is log q / log r. The first run differs by e (1 - 1/q) from the second, and by e (1 - 1/q^2) from the third.
@@ -11,28 +11,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_LEAST = math.sqrt(2)  # q of an order of 1/2: less is no convergence
-_ROUND_OFF = 1e-12  # differences below this part of the motion may be round-off
-_BELOW = 0.6  # an order is below that of the method if it is less by this
+_LEAST = math.sqrt(2)  # q for the order 1/2; a smaller q counts as no convergence
+_ROUND_OFF = 1e-12  # smaller differences, relative to the motion, may be round-off
+_BELOW = 0.6  # least difference between the order of the method and an observed order that is reported as lower
 
 
 @dataclass(frozen=True)
 class Refinement:
-    """What runs with shorter steps tell about a run.
+    """The comparison of a run with two runs with shorter steps.
 
     Attributes
     ----------
     t : ndarray, shape (m,)
-        The times at which the runs are compared.
+        The times of the comparison.
     error : ndarray, shape (m,) or (m, n)
         The estimated error of u in the first run.
     size : float
         The largest |u|.
     factor : float
-        By how much the differences of the runs fall when the steps, or the tolerances, are shorter by a ratio.
+        The factor by which the differences of the runs decrease when the steps, or the tolerances, decrease by `ratio`.
     ratio : float
     is_round_off : bool
-        Whether the differences are so small that round-off may decide about them.
+        Whether the differences are so small that round-off may dominate them.
     """
 
     t: np.ndarray
@@ -53,7 +53,7 @@ class Refinement:
 
     @property
     def order(self) -> float:
-        """The order that the runs show, if the ratio is that of their steps."""
+        """The observed order, if `ratio` is the ratio of the steps."""
         return math.log(self.factor) / math.log(self.ratio) if self.factor > 0 else -math.inf
 
     @property

@@ -1,8 +1,8 @@
-"""Find out whether stability, and not the accuracy, decides about the steps of a run: whether its motion is stiff.
+"""Detect stiff motions: stability, and not accuracy, limits the steps of the run.
 
-A motion is stiff for a method if disturbances of it decay within a step, while a step that is a little longer would let
-them grow numerically. This is judged at some states of the run by the largest rates of the linearised system, which
-take some fifty evaluations each. A fast vibration is not counted: with little damping, its motion may be wanted.
+A motion is stiff for a method if perturbations decay within a step, but would grow numerically with a slightly longer
+step. The test uses the largest rates of the linearised system at some states of the run, with about fifty evaluations
+each. Fast vibrations with little damping do not count, because they may be part of the wanted solution.
 """
 
 from __future__ import annotations
@@ -16,30 +16,30 @@ from ..methods import Method
 from ..stability import eigenvalues, oscillator_matrices
 from .linear import fast_rates
 
-#: A shorter run takes less time than one with an implicit method would.
+#: A shorter run is faster than a run with an implicit method.
 MANY_STEPS = 2000
-#: Number of states to look at.
+#: Number of states in the test.
 STATES = 16
-_MOST = 0.75  # part of them in which the motion must be stiff
+_MOST = 0.75  # least fraction of stiff states
 _LONGER = 1.25  # factor to a step with which a stiff motion would grow,
 _GROWTH = 1.1  # by more than this in a step
-_DAMPED = 0.7  # damping ratio from which on a mode decays within its period
-_LEAST = 0.5  # no method of the library is unstable for a smaller rate times a step that decays
+_DAMPED = 0.7  # least damping ratio of a mode that decays within its period
+_LEAST = 0.5  # no method is unstable for a smaller product of decay rate and step
 
 
 def stiffness(method: Method, f: Callable, states: Iterable[tuple[float, Any, Any, float]], limited: str) -> str:
-    """Describe a motion that is stiff; empty if it is not.
+    """Describe a stiff motion; empty if it is not stiff.
 
     Parameters
     ----------
     method : Method
-        The record that takes the steps.
+        The method of the steps.
     f : callable
         ``f(t, u, v)``, the acceleration.
     states : iterable of (t, u, v, h)
         States, each with the step there.
     limited : str
-        What would decide about the steps otherwise.
+        The quantity that would otherwise limit the steps, such as rtol.
     """
     states = list(states)
     looked = [_stiff_rate(method, f, *state) for state in states]
@@ -57,7 +57,7 @@ def stiffness(method: Method, f: Callable, states: Iterable[tuple[float, Any, An
 
 
 def _stiff_rate(method: Method, f: Callable, t: float, u: Any, v: Any, h: float) -> float:
-    """Return the rate of the decay that limits the step at a state; 0.0 if none does."""
+    """Return the decay rate that limits the step at a state; 0.0 if there is none."""
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             rates = fast_rates(f, t, u, v, h)

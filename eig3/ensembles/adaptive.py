@@ -33,15 +33,15 @@ _NONE, _NO_STATES = np.empty(0), np.empty((0, 0))
 
 
 class AdaptiveBlock(Alone):
-    """Some members that pass through the lanes of a block.
+    """Some members that run one after another in the lanes of a block.
 
-    Those that the lanes leave run again as single runs.
+    Members that the lanes cannot complete run again as single runs.
 
     Parameters
     ----------
     shared : Setup
     numbers : ndarray of int
-        The numbers of the members, which follow each other.
+        The consecutive numbers of the members.
     """
 
     def __init__(self, shared: Setup, numbers: np.ndarray) -> None:
@@ -65,7 +65,7 @@ class AdaptiveBlock(Alone):
         self.run_alone(self.numbers[~reached], stop)
 
     def _march(self, stop: Cancel, sight: Sight | None, look: Any) -> Trajectories:
-        """Run the lanes in slices, so that they see `stop`."""
+        """Run the lanes in slices, and check `stop` between them."""
         shared, members, numbers = self.shared, self.histories.members, self.numbers
         params = members.params[numbers] if members.has_own_params else members.params[None]
         counts = np.zeros((len(numbers), 4), dtype=np.int64)
@@ -103,14 +103,14 @@ class AdaptiveBlock(Alone):
         return Block(values, p, numbers, place, np.zeros((len(rows.names), members.n)), np.zeros(EVENTS), h_first)
 
     def _looks(self) -> tuple[Sight, Any]:
-        """Return what the lanes see of events and of wanted times, and the look of a single run."""
+        """Return the events and the times of t_eval for the lanes, and the observer of a single run."""
         shared, histories, n, lanes = self.shared, self.histories, self.histories.members.n, self.shared.layout.lanes
         count, m, system = len(shared.events), len(self.numbers), shared.prepared.system
         formulas, times = variable_formulas(shared.method.variable), histories.options.t_eval
         observer = Observer(system, times, n, formulas.work_rows)
         observer.look_within(formulas, self._tolerances.rtol)
         watch = observer.watch
-        # There must be room for an event of each kind in each lane.
+        # There must be space for an event of each kind in each lane.
         log = np.empty((max(len(watch.log), 2 * lanes * count), 2 + 4 * n))
         mine = slice(self.numbers[0], self.numbers[-1] + 1) if times is not None else slice(0)
         sight = Sight(
@@ -130,7 +130,7 @@ class AdaptiveBlock(Alone):
         return sight, observer.arguments._replace(watch=watch._replace(log=log))
 
     def _store(self, sight: Sight, ended: np.ndarray, stopped: np.ndarray) -> None:
-        """Store the occurrences in the members of a mask that have ended, and how events stopped some of them."""
+        """Store the occurrences in the ended members of a mask, and the events that stopped members."""
         for rows in (sight.steps, sight.u, sight.v):
             if len(rows):
                 rows[~ended] = np.nan

@@ -21,22 +21,21 @@ from .lane_state import LaneState
 from .lanewise import FIRST_CHUNK, Setup
 from .single_members import Alone
 
-_SCRATCH_VALUES = 2**16  # values in an array of the states of a chunk: 512 kB, so that it stays in the cache
-_CHECKED_STEPS = 1000  # between two looks whether rhs writes every entry of a
-_LONGER = 4  # times as far as the members have come: the end of the next chunk, if events may end them
+_SCRATCH_VALUES = 2**16  # values in an array of the states of a chunk: 512 kB, which fit in the cache
+_CHECKED_STEPS = 1000  # between two checks that rhs writes every entry of a
+_LONGER = 4  # largest ratio of the ends of consecutive chunks, if events may end members
 _SAME = 2.0  # sizes with h and with h/2 within this factor are a property of the system, not of the step
 _OTHER = 1e3  # sizes that differ by this factor are a result of the step
 
 
 class Block(Alone):
-    """At most as many members of an ensemble as there are lanes.
+    """Members of an ensemble that run together, one in each lane.
 
-    A lane whose member has ended, or that has none, repeats a member that still runs. So it cannot fail where that
-    member does not.
+    A lane without a running member repeats a running member, so it fails only if that member fails.
 
-    The lanes look at the function g of each event. A member in which no g changed its sign has no occurrence. If events
-    do nothing but end members, the step in which a g changed its sign is searched, see `Stops`. Other members run again
-    as single runs, which find the occurrences.
+    The lanes evaluate the function g of each event. A member in which no g changed its sign has no occurrence. If all
+    events only end members, the step of a change of sign is searched, see `Stops`. Other members run again as single
+    runs, which locate the occurrences.
 
     Parameters
     ----------
@@ -81,7 +80,7 @@ class Block(Alone):
         runs = lanes < len(self.numbers)
         self._members = self.numbers[np.where(runs, lanes, 0)]
         self._ends = self.histories.members.n_steps[self._members]  # the step indices at which the members end
-        self._failed: dict[int, str] = {}  # why a member ends early, by its lane
+        self._failed: dict[int, str] = {}  # the reason why a member ends early, by lane
         self._state = state = LaneState(shared, self.histories.members, self._members)
         self._runs = runs
         self._set_natural()
@@ -109,7 +108,7 @@ class Block(Alone):
         return max(1, _SCRATCH_VALUES // (width * self.shared.layout.lanes))
 
     def _target(self) -> int:
-        """Return the step index of the end of the next chunk, before which no member ends."""
+        """Return the step index of the end of the next chunk; no member ends before it."""
         index = self._state.index
         half = self._half[self._runs & (self._half > index)]
         nearest = min([self._ends[self._runs].min(), *half])
@@ -118,7 +117,7 @@ class Block(Alone):
         return min(int(nearest), index + min(self.shared.pace.steps, self._most_states * self.histories.every))
 
     def _advance(self) -> None:
-        """Take a chunk of steps. If a member fails on the way, stay, and let it end at its last finite state."""
+        """Take a chunk of steps. If a member fails within it, do not advance, and end it at its last finite state."""
         state, target, before = self._state, self._target(), self._state.save()
         begin = time.perf_counter()
         try:
@@ -136,7 +135,7 @@ class Block(Alone):
                 self._observe(before[0], *states)
                 if self.shared.stops:
                     self._stop_lanes(before)
-                if reached - before[0] >= self.shared.pace.steps:  # a shorter chunk tells little
+                if reached - before[0] >= self.shared.pace.steps:  # the time of a shorter chunk is inaccurate
                     self.shared.pace.note(reached - before[0], time.perf_counter() - begin)
         except Exception:
             state.restore(before)
@@ -146,7 +145,7 @@ class Block(Alone):
     def _crossings(self) -> np.ndarray:
         """Return the step index at the end of the first step that may end each lane, or -1.
 
-        It is also -1 where it is not known, because a g was zero or NaN at the start: such a member runs alone.
+        It is also -1 if a g was zero or NaN at the start: such a member runs alone.
         """
         if not self.shared.stops:
             return np.full(len(self._runs), -1)
@@ -171,7 +170,7 @@ class Block(Alone):
         self._leave(np.isin(np.arange(len(self._runs)), lanes[search_steps(self.shared, *given)]))
 
     def _find_ends(self, lanes: np.ndarray, target: int) -> None:
-        """Set the ends of the members in these lanes, which are not finite at the step index `target`."""
+        """Find the ends of the members in these lanes, which are not finite at the step index `target`."""
         state = self._state
         self._ends[lanes] = target - 1
         while lanes.size and state.index < target and not self._stop.is_set():
@@ -189,7 +188,7 @@ class Block(Alone):
             lanes = lanes[good.all(axis=0)]
 
     def _observe(self, first: int, u: np.ndarray, v: np.ndarray, outputs: dict[str, np.ndarray]) -> None:
-        """Process a chunk, with the states to save and the outputs in them."""
+        """Process a chunk, with its saved states and outputs."""
         shared, state = self.shared, self._state
         if shared.layout.form is VECTOR and (state.index - self._checked >= _CHECKED_STEPS or self._is_end()):
             self._check_written()
@@ -201,7 +200,7 @@ class Block(Alone):
             self._v_natural = np.where(half, v_size, self._v_natural)
 
     def _check_written(self) -> None:
-        """Refuse a rhs that stops writing an entry of a: the entry would keep its value from an earlier evaluation."""
+        """Refuse a rhs that does not write an entry of a, which would keep its value from an earlier evaluation."""
         state = self._state
         self._checked = state.index
         degrees, lanes = np.nonzero(state.unwritten() & self._runs)
@@ -246,7 +245,7 @@ class Block(Alone):
         self._leave(ended)
 
     def _leave(self, ended: np.ndarray) -> None:
-        """Let the lanes of a mask repeat a member that still runs, if there is one."""
+        """Make the lanes of a mask repeat a running member, if there is one."""
         self._runs &= ~ended
         if self._runs.any():
             self._state.repeat(int(np.argmax(self._runs)), ~self._runs)
@@ -261,9 +260,8 @@ class Block(Alone):
     def _judge_growth(self, suspects: np.ndarray) -> None:
         """End suspects that grew because of their step as diverged.
 
-        A growth because of the step changes by orders of magnitude with half the step. Where this does not tell, or the
-        motion is random, a run alone does: it finds the critical steps, which takes longer than thousands of steps in
-        lanes.
+        Numerical growth changes by orders of magnitude with half the step. If this test is not conclusive, or the
+        motion is random, a single run finds the critical steps, which takes longer than thousands of steps in lanes.
         """
         histories, state = self.histories, self._state
         suspects = suspects & (histories.status[self._members] == Status.COMPLETED)

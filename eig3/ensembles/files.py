@@ -19,7 +19,7 @@ _WHOLE, _PARTS = "ensemble.npz", "part-*.npz"  # the files of a directory: all m
 
 
 def save(solution: Any, path: str | PathLike[str]) -> Path:
-    """Write an ensemble to a file, as `EnsembleSolution.save` describes it."""
+    """Write an ensemble to a file, as `EnsembleSolution.save` describes."""
     return storage.write(_KIND, solution.__getstate__(), storage.file(path))
 
 
@@ -51,7 +51,7 @@ class Directory:
 
 
 def register(kind: type) -> None:
-    """Let files of ensembles become objects of the class of their results."""
+    """Register the class of the results for files of ensembles."""
     storage.PARTS[MemberOccurrences.__name__] = MemberOccurrences
     storage.KINDS[_KIND] = partial(_loaded, kind)
     storage.DIRECTORIES[_WHOLE] = _loaded_directory
@@ -67,7 +67,7 @@ def _loaded(kind: type, fields: Mapping[str, Any]) -> Any:
 
 
 def _loaded_directory(path: Path) -> Any:
-    """Return an ensemble with the parts that are in a directory. The other members are at their start."""
+    """Return an ensemble with the parts from a directory. The other members are at their start."""
     whole = storage.load(path / _WHOLE)
     for part in sorted(path.glob(_PARTS)):
         whole._place(storage.load(part))

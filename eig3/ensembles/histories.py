@@ -62,7 +62,7 @@ class Histories:
         self.outputs = {name: np.full((m, rows, *(shapes[name] or (1,))), np.nan) for name in functions.outputs}
         self.extremes = {name: Extremes(*np.full((4, m, *(shape or (1,))), np.nan)) for name, shape in shapes.items()}
         self.events: dict[str, list[tuple[np.ndarray, Occurrences]]] = {name: [] for name in options.events}
-        self.last: dict[int, dict[str, Any]] = {}  # the columns of the last state, if it is not one to save
+        self.last: dict[int, dict[str, Any]] = {}  # the columns of the last state, if save_every does not include it
 
     def save(
         self, chosen: np.ndarray, row: int, u: np.ndarray, v: np.ndarray, outputs: Mapping[str, np.ndarray]
@@ -80,7 +80,7 @@ class Histories:
         outputs: Mapping[str, np.ndarray],
         n_rhs: int,
     ) -> None:
-        """End members after `index` steps; u, v and the outputs are those of their last states, shape (n, members)."""
+        """End members after `index` steps, with u, v and the outputs of their last states, shape (n, members)."""
         self.n_steps[chosen], self.n_rhs[chosen] = index, n_rhs
         if self.drift:
             every = self.options.functions.invariants_every
@@ -130,7 +130,7 @@ class Histories:
         t, u, v = whole_rows(solution, self.members.n)
         states = {"t": t, "u": u, "v": v, "steps": solution.steps, "outputs": solution.outputs, "quadratures": {}}
         rows = len(t)
-        self.last.pop(member, None)  # of the same member in lanes
+        self.last.pop(member, None)  # from the same member in lanes
         if self.options.has_own_times:
             with self._room:
                 self._reserve(rows)
@@ -139,7 +139,7 @@ class Histories:
             if self.options.t_eval is None and solution.n_steps < self.members.n_steps[member]:
                 rows = min(rows, solution.n_steps // self.every + 1)
             self._store(member, rows, states)
-            if rows < len(t):  # the last state of a run that failed is not one to save
+            if rows < len(t):  # save_every does not include the last state of a run that failed
                 self.last[member] = {name: each(lambda x: x[-1], x) for name, x in states.items()}
         for name in OF_RUNS:
             whole, value = getattr(self, name), getattr(solution, name)
@@ -161,7 +161,7 @@ class Histories:
         n_rejected: np.ndarray,
         n_rhs: np.ndarray,
     ) -> None:
-        """Store the ends of members with tolerances that ran in lanes, as those of runs to the end of the span."""
+        """Store the ends of members with tolerances that ran in lanes to the end of the span."""
         if self._t is not None:
             self._t[chosen, 1], self.u[chosen, 1], self.v[chosen, 1] = t, u, v
         self.n_steps[chosen], self.n_rejected[chosen], self.n_rhs[chosen] = n_steps, n_rejected, n_rhs
@@ -192,7 +192,7 @@ class Histories:
             self.events[name].append((member[mine], Occurrences(rows[mine, 1], *found)))
 
     def end_by_events(self, chosen: np.ndarray, event: np.ndarray, t: np.ndarray) -> None:
-        """Judge members that the events of these numbers have ended."""
+        """Set the status of members that the events of these numbers have ended."""
         names = list(self.events)
         for member, k, time in zip(chosen.tolist(), event.tolist(), t.tolist(), strict=True):
             self.judge(member, *ended_by_event(TERMINAL, names[int(k)], time))
@@ -207,7 +207,7 @@ class Histories:
                 whole[member, rows:] = np.nan
 
     def _reserve(self, rows: int) -> None:
-        """Make room for members with more states than the others."""
+        """Reserve space for members with more states than the others."""
         self._longest = max(self._longest, rows)
         room = self.u.shape[1]
         if rows <= room:
@@ -262,7 +262,7 @@ class Histories:
         return self._grid(self.u.shape[1])
 
     def _first_times(self, rows: int) -> np.ndarray | None:
-        """Return the array for own times, with those that members in lanes have."""
+        """Return an array for separate times of members, filled with the times of members in lanes."""
         if not self.options.has_own_times:
             return None
         t = np.full((len(self.members), rows), np.nan)

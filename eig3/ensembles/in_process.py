@@ -30,9 +30,9 @@ from .members import Members
 from .single_members import Alone, Singles
 from .solution import EnsembleSolution
 
-_ALONE = 16  # members of a piece of work that runs them one at a time
-_PIECES = 4  # of the members with tolerances, for each thread
-_POLL_SECONDS = 0.05  # between two looks for Ctrl-C
+_ALONE = 16  # members in a task that runs them one at a time
+_PIECES = 4  # tasks for each thread, with tolerances
+_POLL_SECONDS = 0.05  # between two checks for Ctrl-C
 
 
 def cores() -> int:
@@ -55,7 +55,7 @@ class _Stop:
 
 
 class Run:
-    """An ensemble on its way in this process."""
+    """A running ensemble in this process."""
 
     def __init__(self, rhs: Any, members: Members, options: RunOptions, threads: int, *, is_part: bool = False) -> None:
         self.rhs, self.members, self.options, self.threads, self.is_part = rhs, members, options, threads, is_part
@@ -68,8 +68,8 @@ class Run:
     def _check_start(self) -> None:
         """Check rhs, the method, the events and the outputs in a first state, as for a single run.
 
-        The member that serves for this is the first whose rhs is finite at the start. If there is none, each member
-        will end at its start.
+        The check uses the first member whose rhs is finite at the start. If there is none, each member will end at its
+        start.
         """
         members, (t0, _) = self.members, self.members.t_span
         for i in range(len(members)):
@@ -126,8 +126,8 @@ class Run:
             bar.add(len(work))
 
     def _march_in_threads(self, stop: _Stop, bar: Progress) -> None:
-        # To wait for thousands of futures takes long. A `SimpleQueue` may wait for ever after a signal: what is left of
-        # its timeout can then be negative, which means without an end (CPython 3.11).
+        # Waiting for thousands of futures is slow. A `SimpleQueue` may wait for ever after a signal: the rest of # its
+        # timeout can then be negative, which means no timeout (CPython 3.11).
         done = Queue[Future]()
         with ThreadPoolExecutor(self.threads) as pool:
             running = {pool.submit(work.run, stop): len(work) for work in self.work}
@@ -149,7 +149,7 @@ class Run:
                     future.cancel()
 
     def solution(self) -> EnsembleSolution:
-        """Return the results up to now."""
+        """Return the results so far."""
         seconds = sum(work.seconds for work in self.work)
         again = None if self.is_part else partial(_again, self.rhs, self.members, self.options)
         given = self.rhs, self.members, self.options, self.histories
@@ -185,7 +185,7 @@ def _again(
     progress: bool,
     cancel: Cancel | None,
 ) -> EnsembleSolution:
-    """Run all members to a later end, as `EnsembleSolution.extend` describes it."""
+    """Run all members to a later end, as `EnsembleSolution.extend` describes."""
     t_end = check_time(t_end, "t_end")
     times = further_times(options.t_eval, t_eval, members.t_span[1], t_end)
     return Run(rhs, members.until(t_end), options._replace(t_eval=times), cores()).march(progress, cancel)

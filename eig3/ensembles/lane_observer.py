@@ -1,4 +1,4 @@
-"""What is looked at in each fixed step in the lanes of a block: invariants, outputs and events."""
+"""The observer of each fixed step in the lanes of a block: invariants, outputs and events."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ class LaneObserver:
     Attributes
     ----------
     numbers : ndarray
-        All that changes along the run.
+        All values that change during the run.
     record : Follow
-        What the kernel gets.
+        The argument of the kernel.
     start : dict of str to ndarray, shape (k, lanes)
         The values of the quantities at the start.
     """
@@ -67,14 +67,14 @@ class LaneObserver:
         self.record = Follow(*arrays, invariants, project=project)
 
     def begin(self, t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray) -> None:
-        """Look at the start, with the values of the kernel."""
+        """Observe the start, with the values of the kernel."""
         for k, function in enumerate(self._functions):
             function.call(t, u, v, p, self._values(k), *self._extremes[:, self._columns(k)])
         self.check()
         self.start = {name: self.latest(name).copy() for name in self._rows}
 
     def save_in(self, rows: Mapping[str, np.ndarray]) -> None:
-        """Let the kernel write the values in saved states to these arrays, of shape (states, k, lanes)."""
+        """Make the kernel write the values in saved states to these arrays, of shape (states, k, lanes)."""
         for name, array in rows.items():
             self._table[self._rows[name], ROWS] = array.ctypes.data
 
@@ -91,20 +91,20 @@ class LaneObserver:
         return self._values(self._rows[name]).reshape(-1, self._lanes)
 
     def extremes(self, name: str) -> np.ndarray:
-        """The minimum and the maximum so far, and the kernel's times of them, shape (4, k, lanes)."""
+        """The minimum and the maximum so far, and their times in the kernel, shape (4, k, lanes)."""
         return self._extremes[:, self._columns(self._rows[name])].reshape(4, -1, self._lanes)
 
     @property
     def crossings(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where each g was zero or NaN, or has changed its sign, shape (events, lanes); and the kernel's times of it.
+        """Whether each g was zero or NaN, or has changed its sign, shape (events, lanes); and the times in the kernel.
 
-        A time is NaN where it was so at the start.
+        A time is NaN if g was zero or NaN at the start.
         """
         found = self._events
         return ~(found[LOW] > 0), found[T_LOW]
 
     def sides(self, lanes: np.ndarray) -> np.ndarray:
-        """The side of its zero on which each g was before it changed its sign in some lanes, shape (lanes, events)."""
+        """The sign of each g before it changed in some lanes, shape (lanes, events)."""
         latest = np.array([self._values(k) for k in range(len(self._quantities), len(self._functions))])
         return np.where(np.isnan(self._events[T_LOW]), latest, self._events[T_HIGH])[:, lanes].T
 
@@ -125,21 +125,21 @@ class LaneObserver:
 def search_steps(
     shared: Setup, chosen: np.ndarray, index: np.ndarray, sides: np.ndarray, u: np.ndarray, v: np.ndarray
 ) -> np.ndarray:
-    """Search the steps of some members that end with these step indices, store the events that end some of them there.
+    """Search the last steps of some members for events, and store the events that end members there.
 
     Parameters
     ----------
     shared : Setup
     chosen, index : ndarray of int, shape (members,)
     sides : ndarray, shape (members, events)
-        The side of its zero on which each g was before.
+        The sign of each g before the step.
     u, v : ndarray, shape (2, n, members)
         The states at the start and at the end of the step.
 
     Returns
     -------
     ndarray of bool, shape (members,)
-        Which of the members an event has ended.
+        Whether an event has ended each member.
     """
     assert shared.stops
     histories, system, (kernel, _) = shared.histories, shared.prepared.system, shared.stops

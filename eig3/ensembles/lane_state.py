@@ -24,7 +24,7 @@ _NO_WATCH = Watch(np.empty((0, 4), dtype=np.int64), _NONE, np.empty(0), np.empty
 class LaneState:
     """One state in each lane.
 
-    If each member has its own step, the kernel integrates in units of this step: its step is 1, and its velocity h v.
+    If the members have different steps, the kernel uses the step as the unit of time: its step is 1, its velocity h v.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class LaneState:
     def _params(self, layout: Layout, everyone: Members, members: np.ndarray) -> np.ndarray:
         """Return the array p of the kernel."""
         p = aligned((layout.size,))
-        p[:] = np.nan  # which rhs reads beyond the parameters
+        p[:] = np.nan  # rhs gets NaN if it reads beyond the parameters
         p[: layout.params_size] = everyone.params if layout.shares_params else everyone.params[members].T.ravel()
         if layout.has_own_step:
             own = p[layout.begin_of_steps :].reshape(-1, layout.lanes)
@@ -109,7 +109,7 @@ class LaneState:
         return a
 
     def _evaluate(self, index: int, u: np.ndarray, v: np.ndarray, filled: float) -> np.ndarray:
-        """Evaluate rhs in the units of the kernel, into an array that is filled with a number before."""
+        """Evaluate rhs in the units of the kernel, into an array that was filled with a number."""
         a = np.full_like(u, filled)
         h, t0 = self._clock
         self._rhs.call(t0 + index * h, u.ravel(), v.ravel(), self._p, a.ravel())
@@ -133,11 +133,11 @@ class LaneState:
 
     @property
     def n_rhs(self) -> int:
-        """Number of evaluations of rhs for each member, including the one at the start."""
+        """Number of evaluations of rhs for each member, including the evaluation at the start."""
         return 1 + int(self._tally[EVALUATIONS])
 
     def advance(self, target: int, every: int, stop: Cancel) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Go on to a step index, or less far if `stop` is set.
+        """Advance to a step index, or less far if `stop` is set.
 
         Returns
         -------
@@ -171,13 +171,13 @@ class LaneState:
         return self._u[:states], self._v[:states], {name: rows[:states] for name, rows in self._outputs.items()}
 
     def catch(self, indices: np.ndarray, target: int, stop: Cancel) -> tuple[np.ndarray, np.ndarray]:
-        """Go on to a step index, without the quantities, and return u and v of some states of each lane.
+        """Advance to a step index without the quantities, and return u and v of some states of each lane.
 
         Their step indices have the shape (k, lanes), and u and v (k, n, lanes).
         """
         assert self._stops
         (h, t0), size, k = self._clock, self._rows[0].size, len(indices)
-        u, v = (np.repeat(row[None], k, axis=0) for row in self._rows[:2])  # those at the present step index
+        u, v = (np.repeat(row[None], k, axis=0) for row in self._rows[:2])  # the values at the present step index
         places = np.broadcast_to(indices[:, None], u.shape).reshape(k, size)
         order = np.argsort(places, axis=1)
         t = t0 + (np.take_along_axis(places, order, axis=1) - 0.5) * h
@@ -188,13 +188,13 @@ class LaneState:
         usual = self._look
         self._look = Look(_NO_WATCH, self.observer.record._replace(table=table, out=u.reshape(-1), extremes=caught))
         try:
-            self.advance(target, target + 1, stop)  # which saves no state
+            self.advance(target, target + 1, stop)  # this saves no state
         finally:
             self._look = usual
         return u, caught[T_LOW].reshape(v.shape) / self._unit
 
     def _reserve(self, states: int) -> None:
-        """Make room for states to save, and for the outputs in them."""
+        """Reserve space for saved states and their outputs."""
         self._u, self._v = np.empty((2, states, *self._rows.shape[1:]))
         self._outputs = {name: np.empty((states, *shape)) for name, shape in self._saves.items()}
         self.observer.save_in(self._outputs)
@@ -229,7 +229,7 @@ class LaneState:
 
     def unwritten(self) -> np.ndarray:
         """Return a mask of shape (n, lanes): the entries of a that rhs did not write in the last step."""
-        u, v = self._rows[0], self._rows[1]  # no method has to evaluate rhs at the end of a run
+        u, v = self._rows[0], self._rows[1]  # a method need not evaluate rhs at the end of a run
         try:
             a, other = (self._evaluate(self.index - 1, u, v, filled) for filled in (np.nan, 0.0))
         except Exception:  # rhs may fail at a time at which the method does not evaluate it

@@ -1,4 +1,4 @@
-"""Decide how the members of an ensemble run, in lanes or one at a time, and compile what runs in lanes."""
+"""Decide how the members of an ensemble run, in lanes or one at a time, and compile the code for lanes."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from .histories import Histories
 from .members import Members
 from .single_members import Singles
 
-FEWEST_MEMBERS = 16  # with tolerances; for fewer, lanes do not pay
+FEWEST_MEMBERS = 16  # with tolerances; lanes do not pay for fewer members
 MOST_DEGREES = 24  # with more degrees of freedom, a member alone is as fast as in lanes
 _MOST_ADAPTIVE = 8  # the same with tolerances: with more, the stages of a block leave the first-level cache
 _MOST_PARAMS = 64  # of a member with tolerances, for the same reason
 ADAPTIVE_LANES = 64
 _CACHE = 2**15  # bytes of the first-level cache for the rows of a block
-_ROWS_FOLLOWED = 5  # of each value that is followed: it, its extremes and their times
+_ROWS_FOLLOWED = 5  # rows for each output: its value, its extremes and their times
 _MOST_LANES, _LEAST_LANES = 512, 32
-_FEW_LANES = 64  # enough for fast loops: blocks are not made smaller than this for the sake of more threads
-_FEWEST_LANES = 16  # the compiler cannot use vectors for fewer
-_BLOCKS = 2  # of a thread, at least
-_CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which the members are looked at
+_FEW_LANES = 64  # enough for fast loops: more threads do not make blocks smaller than this
+_FEWEST_LANES = 16  # the compiler cannot vectorise fewer lanes
+_BLOCKS = 2  # least number of blocks for a thread
+_CHUNK_SECONDS = 0.02  # duration of a chunk of steps, after which the members are checked
 _CHUNK_GROWTH = 16  # largest factor from the steps of one chunk to the steps of the next
 FIRST_CHUNK = 64  # steps
 _MOST_STEPS = 2**40  # a chunk may end early
@@ -44,11 +44,11 @@ _MOST_STEPS = 2**40  # a chunk may end early
 _AT_TIMES = "lanes with fixed steps have no t_eval; save_every is possible."
 _MANY_CONSTRAINTS = (
     "lanes are for scenes with at most 8 constraints and 24 degrees of freedom, with forces on at most 8 points of "
-    "bodies, and without near pairs and constraints that depend on the time or have a phi of their own."
+    "bodies, and without pair forces, and without constraints that depend on the time or define phi."
 )
 _OTHER_CONSTRAINTS = (
-    "params are those of scenes whose constraints join other points than those of this problem; make a problem of each "
-    "such scene."
+    "params come from scenes whose constraints join different points than in this problem; make a problem of each "
+    "scene."
 )
 _SPARSE = (
     "params have a sparse matrix and differ between members; lanes read a sparse matrix only from params that all "
@@ -63,7 +63,7 @@ _known: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Lanes]]] = WeakKeyDictiona
 
 
 class Pace:
-    """The number of steps of a chunk, which follows from the time of the last one in any block.
+    """The number of steps of a chunk, from the time of the last chunk of any block.
 
     Attributes
     ----------
@@ -84,12 +84,12 @@ class Pace:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the blocks of an ensemble have in common.
+    """The values that the blocks of an ensemble share.
 
     Attributes
     ----------
     method : Method
-        The record that takes the steps.
+        The method of the steps.
     layout : Layout
     prepared : Prepared
         The single run of a member.
@@ -98,14 +98,14 @@ class Setup:
     kernel : callable
     rhs : Lanes
     leap, project : Lanes or None
-        What keeps the constraints, if there are any: a step of EIG-3, or the projection after each step.
+        The function that enforces the constraints, if any: a step of EIG-3, or the projection after each step.
     quantities : dict of str to (Quantity, Lanes)
         The invariants and the outputs.
     events : list of Lanes
-        The looks at the functions g of the events.
+        The functions g of the events.
     stops : (callable, Lanes) or None
-        If all that is looked at with fixed steps are events that do nothing but end members: the kernel that searches
-        their steps, and what keeps the states of these.
+        With fixed steps, if the only observed functions are events that only end members: the kernel that searches
+        their steps, and the function that enforces constraints in them.
     pace : Pace
     """
 
@@ -125,14 +125,14 @@ class Setup:
 
 
 def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles, threads: int) -> tuple[Any, str]:
-    """Compile what runs in lanes.
+    """Compile the functions for lanes.
 
     Returns
     -------
     Setup or None
         None if the members run one at a time.
     str
-        A note for the user, or nothing.
+        A note for the user, or an empty string.
     """
     members, options, method = histories.members, histories.options, histories.options.method
     straight, obstacle = _straight_of(rhs, members)
@@ -204,7 +204,7 @@ def _compiled(
 
 
 def _straight_of(rhs: Any, members: Members) -> tuple[Straight | None, str]:
-    """Return the constraints of a scene for lanes, if there are any, or why the members run one at a time."""
+    """Return the constraints of a scene for lanes, if any, or the reason why the members run one at a time."""
     layout = bound_layout(rhs)
     if layout and members.has_own_params and members.n <= MOST_DEGREES and any(kind.ndim < 0 for kind in layout.kinds):
         return None, _SPARSE
@@ -219,7 +219,7 @@ def _straight_of(rhs: Any, members: Members) -> tuple[Straight | None, str]:
 
 
 def _pays(members: Members, straight: Straight | None) -> bool:
-    """Whether lanes pay for members with tolerances. Most of the parameters of constraints are not read there."""
+    """Whether lanes pay for members with tolerances. They do not read most of the parameters of constraints."""
     has_many = members.has_own_params and members.params.shape[1] > _MOST_PARAMS and straight is None
     return members.n <= _MOST_ADAPTIVE and not has_many and len(members) >= FEWEST_MEMBERS
 
@@ -227,10 +227,10 @@ def _pays(members: Members, straight: Straight | None) -> bool:
 def layout_of(members: Members, method: Method, more_rows: int, threads: int) -> Layout | None:
     """Return the arrays of a block with fixed steps; None if the members should run one at a time.
 
-    What is evaluated in each step reads or writes `more_rows` rows.
+    The functions of each step read or write `more_rows` rows.
 
-    More lanes keep the vector units busy for longer in each loop, as long as the rows stay in the cache and each thread
-    has blocks to run. A member's numbers do not depend on the number of lanes.
+    More lanes make each loop longer and faster, as long as the rows fit in the cache and each thread has blocks to run.
+    The results of a member do not depend on the number of lanes.
     """
     if method.is_implicit or members.n > MOST_DEGREES or (method.is_stochastic and members.has_own_step):
         return None  # the noise of a step depends on its length
@@ -239,7 +239,7 @@ def layout_of(members: Members, method: Method, more_rows: int, threads: int) ->
         lanes //= 2
     while lanes > _FEW_LANES and _BLOCKS * threads * lanes > len(members):
         lanes //= 2
-    while lanes > _FEWEST_LANES and lanes >= 2 * len(members):  # a lane without a member takes as long
+    while lanes > _FEWEST_LANES and lanes >= 2 * len(members):  # a lane without a member takes the same time
         lanes //= 2
     return _layout(members, lanes)
 
@@ -257,7 +257,7 @@ def _lanes_of(
     By default, `of` is the plain Python function of a checked function.
     """
     known, key = _known.setdefault(function, {}), (compile_it, layout, how)
-    if key not in known or known[key][0] is not callback.compiled:  # the user may have compiled the function anew
+    if key not in known or known[key][0] is not callback.compiled:  # the user may have recompiled the function
         own = getattr(getattr(function, "py_func", None), "in_lanes", None)  # the reactions of a scene
         python = of or (own.py_func if own else callback.function)
         known[key] = callback.compiled, compile_it(python, layout, *how, bool(options_of(function).get("boundscheck")))

@@ -15,7 +15,7 @@ from ..functions.checks import check_h, check_resolution, check_span, reals
 from ..kernels.protocol import SCALAR, VECTOR, Form
 from ..run.fixed_run import divide
 
-_WHOLE = 1e-12  # part of a number of steps by which it may differ from a whole number
+_WHOLE = 1e-12  # largest relative difference of a number of steps from a whole number
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Members:
     n_steps : ndarray, shape (m,)
         Number of steps; 0 with tolerances.
     first : int
-        The number of the first of them in the whole ensemble.
+        The number of the first member in the whole ensemble.
     """
 
     form: Form
@@ -83,7 +83,7 @@ class Members:
         )
 
     def start(self, i: int, n_quadratures: int = 0) -> tuple[Any, Any, np.ndarray]:
-        """Return u0 and v0, without the quadratures, their last degrees of freedom, and the parameters of member i."""
+        """Return u0 and v0 of member i, without the quadratures (the last degrees of freedom), and its parameters."""
         n = self.n - n_quadratures
         u, v = (float(x[i, 0]) if self.form is SCALAR else x[i, :n] for x in (self.u0, self.v0))
         return u, v, self.params[i] if self.has_own_params else self.params
@@ -94,7 +94,7 @@ class Members:
         Raises
         ------
         ValueError
-            If it is not a whole number of steps from the start of each member.
+            If t_end is not a whole number of steps from the start of each member.
         """
         t0 = self.t_span[0]
         if not t_end > self.t_span[1]:
@@ -121,7 +121,7 @@ def check_members(
     Raises
     ------
     TypeError, ValueError
-        If an argument is not valid, or two arguments have shapes that do not fit.
+        If an argument is not valid, or the shapes of two arguments do not match.
     """
     t0, t1 = check_span(t_span)
     form = form_of(rhs)
@@ -181,8 +181,8 @@ def _count(given: dict[str, tuple[np.ndarray, int]], form: Form) -> int:
 def _of_all(array: np.ndarray, inner: int, m: int) -> np.ndarray:
     """Return an argument without its first axis if it has one value for all of several members.
 
-    rhs is compiled for values of all members, or for those of each. Which of the two must not depend on the number of
-    members, because the compiler may fuse other multiply-adds: the value of a single member has its first axis too.
+    rhs is compiled for shared values or for values of each member. The choice must not depend on the number of members,
+    because the compiler may fuse different multiply-adds: the value of a single member keeps its first axis.
     """
     return array[0] if array.ndim > inner and len(array) == 1 < m else array
 
@@ -197,7 +197,7 @@ def _divided(h: np.ndarray, t0: float, t1: float) -> tuple[Any, Any]:
     if not valid.all():
         check_h(float(h[~valid].flat[0]))
     span = t1 - t0
-    divide(span, float(h.min()))  # which refuses steps that are too many to be counted
+    divide(span, float(h.min()))  # this refuses numbers of steps that are too large to count
     ratio = span / h
     nearest = np.round(ratio)
     is_whole = np.abs(ratio - nearest) <= _WHOLE * np.maximum(ratio, nearest)

@@ -17,19 +17,19 @@ from ..functions.named import Parameters, has_names, in_layout
 from ..functions.sparse import Sparse, is_of_scipy
 from ..kernels.protocol import SCALAR, Form
 
-# Functions that do not compile. The references are weak: a program that makes many functions keeps none of them.
+# Functions that do not compile. The references are weak, to free the memory of functions that are no longer used.
 _refused: WeakSet[Any] = WeakSet()
 
 
 def of_members(changes: Any, base: Parameters) -> np.ndarray:
-    """Return the array p of each member, shape (m, k), or that of all, shape (1, k).
+    """Return the array p of each member, shape (m, k), or of all members, shape (1, k).
 
     Parameters
     ----------
     changes : mapping, or sequence of Parameters
         New values, for all members or with a first axis of members; or the parameters of each member.
     base : Parameters
-        The other values, and the kinds.
+        The unchanged values, and the kinds.
 
     Raises
     ------
@@ -68,14 +68,14 @@ def of_members(changes: Any, base: Parameters) -> np.ndarray:
 def split(
     rhs: Any, params: Any, t0: float, u0: ArrayLike, v0: ArrayLike, h: ArrayLike
 ) -> tuple[np.ndarray, Parameters]:
-    """Return the array p of each member, and the parameters of the first one.
+    """Return the array p of each member, and the parameters of the first member.
 
-    An array whose first axis is as long as there are members has a value for each of them.
+    An array whose first axis has the length of the ensemble has a value for each member.
 
     Raises
     ------
     TypeError, ValueError
-        As for `of_members`, and if it is not clear how many members there are, or if rhs also takes such an array as a
+        As for `of_members`, and if the number of members is not clear, or if rhs could also take such an array as a
         whole.
     """
     form = form_of(rhs)
@@ -102,8 +102,9 @@ def split(
         if may_be_shared and _takes(rhs, form, {**base._asdict(), name: value}, t0, u0, v0):
             m = len(value)
             raise ValueError(
-                f"params has an array {name} of the length {m} for {m} members, and rhs takes it as a whole too: write "
-                f"{name}[:, None] for one value a member, or np.array([{name}] * {m}) for this array in all of them."
+                f"params has an array {name} of the length {m} for {m} members, and rhs can also take it as a whole: "
+                f"write {name}[:, None] for one value a member, or np.array([{name}] * {m}) for this array in all "
+                "members."
             )
     return of_members(each, base), base
 
@@ -123,14 +124,14 @@ def _takes(rhs: Any, form: Form, params: Mapping[str, Any], t0: float, *starts: 
         states = (np.asarray(x, dtype=np.float64) for x in starts)
         u, v = (x[0] if x.ndim > inner else x for x in states)
         return is_finite_at_start(callback, form, t0, u, v, np.asarray(given))
-    except Exception:  # rhs raises it, or the starts do not fit
+    except Exception:  # rhs raises it, or the initial values do not match
         return False
 
 
 def with_lengths(error: TypeError, params: Any, m: int) -> TypeError:
-    """Return the error of a function that does not compile; it names arrays that are not as long as there are members.
+    """Return the error of a function that does not compile; it names arrays with another length than the ensemble.
 
-    Each member gets such an array as a whole, where the function may read a number.
+    Each member gets such an array as a whole, where the function may expect a number.
     """
     if not has_names(params) or "array(" not in str(error):
         return error
@@ -140,7 +141,7 @@ def with_lengths(error: TypeError, params: Any, m: int) -> TypeError:
         return error
     said = ", ".join(f"params[{name!r}] has the length {length}" for name, length in others.items())
     text = str(error).rstrip(".")
-    return TypeError(f"{text}: {said}, but there are {m} members; give {m} values for one of each member.")
+    return TypeError(f"{text}: {said}, but there are {m} members; give {m} values, one for each member.")
 
 
 def _as_dict(params: Any) -> Mapping[str, Any]:

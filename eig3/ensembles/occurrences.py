@@ -14,18 +14,18 @@ _STATES = "u", "v", "u_after", "v_after"
 
 @dataclass(frozen=True, eq=False)
 class MemberOccurrences:
-    """The k occurrences of an event in m members: those of the first member in the order of time, then of the next one.
+    """The k occurrences of an event in m members, ordered by member and then by time.
 
     Attributes
     ----------
     member : ndarray of int, shape (k,)
         The member of each occurrence.
     t : ndarray, shape (k,)
-        Their times.
+        The times of the occurrences.
     u, v : ndarray, shape (k,) or (k, n)
-        The states there, before the event's `apply`.
+        The states before the `apply` of the event.
     u_after, v_after : ndarray, shape (k,) or (k, n)
-        The states after it.
+        The states after `apply`.
     first : ndarray, shape (m,)
         The time of the first occurrence in each member; NaN if there is none.
     """
@@ -44,7 +44,7 @@ class MemberOccurrences:
     ) -> MemberOccurrences:
         """Return the occurrences in m members with some degrees of freedom.
 
-        `some` has occurrences with the member of each; those of a member are together, in the order of time.
+        `some` has occurrences with their members, grouped by member and ordered by time.
         """
         none = np.empty((0, *degrees))
         numbers = np.concatenate([np.empty(0, dtype=np.int64), *(member for member, _ in some)])
@@ -64,7 +64,7 @@ class MemberOccurrences:
         return Occurrences(*(getattr(self, name)[chosen] for name in ("t", *_STATES)))
 
     def with_part(self, part: MemberOccurrences, first: int) -> MemberOccurrences:
-        """Return these occurrences with those of a part of the members, which begins with member `first`."""
+        """Return these occurrences together with the occurrences of a part that begins with member `first`."""
         end = first + len(part.first)
         low, high = np.searchsorted(self.member, [first, end])
 

@@ -1,4 +1,4 @@
-"""The parts of an ensemble, and what comes of them."""
+"""The parts of an ensemble, and their results."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .lanewise import FEWEST_MEMBERS
 from .members import Members
 from .solution import EnsembleSolution, Reduce
 
-_UNIT = 128  # members; the number in a part is a multiple of it, so that a part fills the lanes of its blocks
+_UNIT = 128  # members; a part has a multiple of this number, which fills the lanes of its blocks
 _PARTS = 128  # as long as the parts stay below the following limits
 _MOST_MEMBERS = 100_000
 _MOST_SAVED = 2**26  # bytes of the saved states of a part
-_MOST_GIVEN = 2**22  # bytes of the start and the parameters of a part, which travel to a worker
-_NOT_BACK = "The run was interrupted before this member was back."
+_MOST_GIVEN = 2**22  # bytes of the initial values and the parameters of a part, which are sent to a worker
+_NOT_BACK = "The run was interrupted before this member was returned."
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class Part:
 
 
 def parts_of(members: Members, options: RunOptions) -> list[Part]:
-    """Divide an ensemble. The parts depend on the ensemble only, so that `reduce` gets the same ones everywhere.
+    """Divide an ensemble. The parts depend only on the ensemble, so `reduce` gets the same parts everywhere.
 
-    Members run in lanes in a part if they do so in the whole ensemble: no part is left with a few.
+    Members run in lanes in a part if they run in lanes in the whole ensemble: no part has only a few members.
     """
     rows, n_outputs = options.rows(int(members.n_steps.max())), options.functions.n_outputs
     given = 2 * members.n + members.params.shape[-1] * members.has_own_params
@@ -60,7 +60,7 @@ def parts_of(members: Members, options: RunOptions) -> list[Part]:
 
 
 class CancelledPartError(Exception):
-    """A cancellation ended a part; `solution` has the members up to then."""
+    """A cancellation ended a part; `solution` has its members so far."""
 
     def __init__(self, solution: EnsembleSolution) -> None:
         super().__init__("a part was cancelled")
@@ -69,14 +69,14 @@ class CancelledPartError(Exception):
 
 @dataclass(frozen=True)
 class Recipe:
-    """What to do with a part.
+    """The task for a part.
 
     Attributes
     ----------
     march : callable
         ``march(members, threads, cancel)`` integrates the members.
     reduce : callable or None
-        ``reduce(solution)`` returns what the user needs of a part; None if that is everything.
+        ``reduce(solution)`` returns the values that the user needs from a part; None for the whole solution.
     """
 
     march: Callable[[Members, int, Cancel | None], EnsembleSolution]
@@ -90,20 +90,20 @@ class Recipe:
 
 
 class Results(Protocol):
-    """What comes of the parts, which may end in any order."""
+    """The results of the parts, which may end in any order."""
 
     def put(self, part: Part, value: Any) -> None:
-        """Store what came of a part."""
+        """Store the result of a part."""
 
     def rescue(self, error: BaseException) -> None:
-        """Store what an exception left of a part."""
+        """Store the members of a part that an exception ended."""
 
     def whole(self, note: str) -> Any:
         """Return the results of all parts, with a sentence for the user about how they ran."""
 
 
 class Listed:
-    """What `reduce` returned for each part; None for a part that is not finished."""
+    """The return values of `reduce` for each part; None for an unfinished part."""
 
     def __init__(self, count: int) -> None:
         self.values: list[Any] = [None] * count
@@ -128,7 +128,7 @@ class Joined:
     blank : EnsembleSolution
         The ensemble, with its members at their start.
     place : Directory or None
-        Where each part is written.
+        The directory to which each part is written.
     """
 
     def __init__(self, blank: EnsembleSolution, place: Directory | None = None) -> None:

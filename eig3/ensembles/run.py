@@ -86,51 +86,51 @@ def ensemble(
     h : float or array_like, shape (m,)
         The fixed step. If it does not divide the span, the run takes the next shorter step that does. Or take rtol.
     params : array_like, shape (k,) or (m, k); or NamedTuple or dict
-        The parameters. rhs gets those of a member as p, of shape (k,). Of parameters with names, each array whose first
-        axis has the length m has a value for each member. It is refused if rhs could take it as a whole too.
+        The parameters. rhs gets the parameters of a member as p, of shape (k,). A named array whose first axis has the
+        length m has a value for each member; it is refused if rhs could take it as a whole.
     rtol, atol, method, save_every, t_eval, events, invariants, outputs, invariants_every : optional
     h_max, first_step, max_steps, progress, cancel : optional
         As for `eig3.integrate`. By default only the first and the last state are saved.
     threads : int
         Number of threads; by default all cores that the process may use.
     executor : concurrent.futures.Executor
-        Run the ensemble in parts on the workers of this executor, such as a `ProcessPoolExecutor` that spawns, or that
-        of a dask.distributed Client. A part whose worker dies runs again. Each part takes one thread, or `threads`.
+        Run parts on the workers of this executor, such as a `ProcessPoolExecutor` that spawns, or the executor of a
+        dask.distributed Client. If a worker dies, its part runs again. A part has one thread, or `threads`.
     reduce : callable
         ``reduce(part)`` gets the `EnsembleSolution` of a part, whose `first` is the number of its first member, and
-        returns what you need of it. It runs where the part ran, and the states of the part are dropped after it. With
-        an executor, it and what it returns must be picklable.
+        returns the values that you need. It runs on the worker of the part, whose states are then discarded. With an
+        executor, the function and its return values must be picklable.
     save_to : str or path
         A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it, also if the
         process was killed.
     quadratures, labels
-        What `Problem.ensemble` adds: the names of quadratures, which are the velocities of the last degrees of freedom
-        and do not decide about the steps, and the names and units of the others.
+        Set by `Problem.ensemble`: the names of quadratures, which are the velocities of the last degrees of freedom and
+        do not control the steps, and the names and units of the other degrees of freedom.
     **refused
-        Options of single runs that an ensemble refuses by a sentence.
+        Options of single runs, for which an ensemble raises an error.
 
     Returns
     -------
     EnsembleSolution or list
-        With `reduce`, the list of what it returned for each part. A member that fails ends at its last good state, and
-        its `status` says why; the others continue. After `cancel`, members that had not ended are INTERRUPTED.
+        With `reduce`, the list of its return values for each part. A member that fails ends at its last valid state,
+        and its `status` gives the reason; the others continue. After `cancel`, unfinished members are INTERRUPTED.
 
     Raises
     ------
     TypeError, ValueError
-        An argument is not valid, two shapes do not fit, or no member can start because rhs reads beyond its arrays.
+        An argument is not valid, two shapes do not match, or no member can start because rhs reads beyond its arrays.
     MemoryError, OSError, ImportError
         The histories do not fit in memory, or on the disk; or `progress` is True and tqdm is not installed.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` has the members that were finished, and the others as INTERRUPTED. With
-        `reduce` it is the list, with None for unfinished parts. It is None if no member had started. What rhs raises is
-        raised too, with the same attribute.
+        After Ctrl-C. Its attribute `solution` has the finished members, and the others as INTERRUPTED. With `reduce` it
+        is the list, with None for unfinished parts. It is None if no member had started. Exceptions from rhs have the
+        same attribute.
 
     Notes
     -----
-    The bits of a member do not depend on the other members, on its place or on the number of threads. A single member
-    keeps them if it keeps its axis: ``params[i : i + 1]``, of shape (1, k). With `rtol`, fewer than 16 members run one
-    at a time, with the bits of `eig3.integrate`. Member i has the stream i of random numbers of `Langevin`.
+    The result of a member is bitwise independent of the other members, of its position and of the number of threads. To
+    reproduce a single member, keep its axis: ``params[i : i + 1]``, of shape (1, k). With `rtol`, fewer than 16 members
+    run one at a time, bitwise as `eig3.integrate`. Member i has the stream i of random numbers of `Langevin`.
     """
     _refuse(refused)
     check_progress(progress)
@@ -148,7 +148,7 @@ def ensemble(
     members = check_members(rhs, t_span, u0, v0, params, h)
     try:
         options = run_options(
-            bound_layout(rhs),  # a problem's function is bound already
+            bound_layout(rhs),  # the function of a problem is already bound
             h=None if h is None else float(members.steps[0]),
             rtol=rtol,
             atol=atol,
@@ -182,11 +182,11 @@ def of_members(rhs: Any, members: Members, options: RunOptions) -> RunOptions:
 
 
 def _refuse_parallel(rhs: Any) -> None:
-    """Refuse a function with threads of its own: with some of Numba's threading layers they would end the process."""
+    """Refuse a function that starts threads: with some of Numba's threading layers they would end the process."""
     inner = getattr(getattr(rhs, "py_func", None), "named", rhs)
     if isinstance(inner, Jitted) and options_of(inner).get("parallel"):
         raise ValueError(
-            "rhs shares its work between threads, but the members already do so: compile it without parallel=True, or "
+            "rhs uses threads, but the members already use all threads: compile it without parallel=True, or "
             "give threads=1 to eig3.linear."
         )
 

@@ -16,9 +16,9 @@ from ..run.progress import Progress
 from ..stepping.march import Cancel
 from .parts import CancelledPartError, Part, Recipe, Results
 
-_IN_FLIGHT = 128  # parts with the executor; the members of the others do not occupy its memory
-_TRIES = 3  # of a part whose worker dies
-_POLL_SECONDS = 0.05  # between two looks for Ctrl-C
+_IN_FLIGHT = 128  # parts submitted to the executor at a time, to limit its memory
+_TRIES = 3  # attempts for a part whose worker dies
+_POLL_SECONDS = 0.05  # between two checks for Ctrl-C
 
 
 def check_executor(executor: Any) -> None:
@@ -48,7 +48,7 @@ def march_parts(
     progress: bool,
     cancel: Cancel | None = None,
 ) -> Any:
-    """Run all parts, or those before `cancel` is set, and return the whole of their results.
+    """Run all parts, or the parts until `cancel` is set, and return all results.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def march_parts(
 
 
 class Shipment:
-    """Parts on their way to the workers of an executor and back.
+    """The parts submitted to the workers of an executor.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class Shipment:
         self.recipe = march, _packed(recipe.reduce, "reduce")
 
     def run(self, end: Callable[[Part, Any], None], cancel: Cancel | None = None) -> list[Part]:
-        """Run the parts; call ``end(part, value)`` for each. Return those that are left if the executor broke."""
+        """Run the parts; call ``end(part, value)`` for each. Return the unfinished parts if the executor broke."""
         try:
             with DeferredInterrupt() as interrupt:
                 while self.running or (self.waiting and not self.is_broken):
@@ -177,7 +177,7 @@ def run_part(march: bytes, reduce: bytes, part: Part, threads: int, unique: str)
     part : Part
     threads : int
     unique : str
-        Another text in each call: dask takes calls with equal arguments for one.
+        A different text in each call: dask merges calls with equal arguments.
 
     Returns
     -------
@@ -196,13 +196,13 @@ def _packed(value: Any, name: str) -> bytes:
     try:
         return pickled(value)
     except Exception as error:
-        raise TypeError(f"{name} must be picklable, to travel between processes: {gist(error)}.") from error
+        raise TypeError(f"{name} must be picklable, to be sent between processes: {gist(error)}.") from error
 
 
 def _packed_error(error: Exception, trace: str) -> bytes:
     try:
         packed = pickled((None, error, trace))
-        unpickled(packed)  # which fails for many classes whose exceptions have several arguments
+        unpickled(packed)  # this fails for many exception classes with several arguments
     except Exception:
         return pickled((None, RuntimeError(f"{type(error).__name__}: {error}"), trace))
     return packed

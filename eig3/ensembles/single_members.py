@@ -37,7 +37,7 @@ class Singles:
 
     @cached_property
     def plain(self) -> Singles:
-        """The single runs without events and without what they follow."""
+        """The single runs without events, invariants and outputs."""
         none: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "functions": Functions({}, {})}
         return Singles(self._rhs, self._members, self._options, **none)
 
@@ -79,7 +79,7 @@ class Alone:
         return len(self.numbers)
 
     def run(self, stop: Cancel) -> None:
-        """Run the members, or those before `stop` is set."""
+        """Run the members, or the members until `stop` is set."""
         self.run_alone(self.numbers, stop)
 
     def run_alone(self, numbers: Iterable[int], stop: Cancel) -> None:

@@ -62,7 +62,7 @@ class EnsembleSolution:
     extremes : dict of str to Extremes
         For each invariant and each output, its minimum `low` and its maximum `high` over the ends of all steps, and
         their times `t_low` and `t_high`: arrays of shape (m,), or (m, k) for an output with k values. The peak of a
-        sine of angular frequency omega is up to the part ``(omega * h)**2 / 8`` too low.
+        sine of angular frequency omega is too low by a relative error of up to ``(omega * h)**2 / 8``.
     outputs : dict of str to ndarray, shape (m, s) or (m, s, k)
         The values of each output at the saved states.
     params : ndarray, shape (m, k) or (k,)
@@ -74,10 +74,10 @@ class EnsembleSolution:
     method : Method
         The method as it was requested.
     quadratures : dict of str to ndarray, shape (m, s)
-        Integrals over time that the problem follows, such as "work" in J.
+        Integrals over time, such as "work" in J.
     events : dict of str to MemberOccurrences
-        The occurrences of each event: their `member`, `t`, `u`, `v`, `u_after` and `v_after` in the order of members
-        and times, and the time of the `first` in each member, of shape (m,), with NaN where there is none.
+        The occurrences of each event: `member`, `t`, `u`, `v`, `u_after` and `v_after` in the order of members and
+        times, and `first`, the time of the first occurrence in each member, of shape (m,), or NaN.
     n_rejected : ndarray of int, shape (m,)
         With tolerances, the number of steps of each member that were repeated with a shorter step.
     n_invariants : ndarray of int, shape (m,)
@@ -86,7 +86,7 @@ class EnsembleSolution:
         With tolerances, the length of the step that led to each saved state, or that contains its time; NaN for a
         member that ran in lanes.
     notes : tuple of str
-        Sentences about what the user should know of the run, such as that rhs could not be vectorised.
+        Sentences that the user should read, such as that rhs could not be vectorised.
     labels : Labels or None
         Names and units of the degrees of freedom, in an ensemble of a problem.
     """
@@ -114,21 +114,21 @@ class EnsembleSolution:
     n_invariants: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     steps: np.ndarray | None = None
     labels: Labels | None = None
-    _last: dict[int, dict[str, Any]] = field(default_factory=dict)  # columns of a last state that is not one to save
+    _last: dict[int, dict[str, Any]] = field(default_factory=dict)  # columns of a last state that is not a saved state
     _rhs: Any = None  # the jitted function
     _repeat: Repeat | None = None
     _again: Callable[..., EnsembleSolution] | None = None  # runs all members to another end
 
     @property
     def success(self) -> np.ndarray:
-        """A mask of shape (m,): which members did what they should: their status is COMPLETED or TERMINATED."""
+        """A mask of shape (m,): the members whose status is COMPLETED or TERMINATED."""
         return (self.status == Status.COMPLETED) | (self.status == Status.TERMINATED)
 
     @property
     def a(self) -> np.ndarray | None:
         """The accelerations f(t, u, v) at the saved states, in an array of the shape of u.
 
-        They are evaluated at each access. None if no right-hand side is known, as in a copy.
+        They are evaluated at each access. None without a right-hand side, as in a copy.
         """
         if self._accelerations_of(0) is None:
             return None
@@ -154,7 +154,7 @@ class EnsembleSolution:
         count = int(self._n_rows(slice(i, i + 1))[0])
         fields = {name: each(lambda x: x[i, :count], getattr(self, name)) for name in OF_STATES}
         fields |= {name: each(lambda x: x.item(i) if x.ndim == 1 else x[i], getattr(self, name)) for name in OF_RUNS}
-        for name, last in self._last.get(i, {}).items():  # the last finite state is not one of the states to save
+        for name, last in self._last.get(i, {}).items():  # save_every does not include the last finite state
             fields[name] = each(lambda x, y: np.append(x, [y], axis=0), fields[name], last)
         return Solution(
             **fields,
@@ -168,12 +168,12 @@ class EnsembleSolution:
         )
 
     def _n_rows(self, chosen: slice = slice(None)) -> np.ndarray:
-        """Return how many of the saved states of some members are finite: they are the first ones."""
+        """Return the number of finite saved states of some members; all finite states come first."""
         finite = np.isfinite(self.u[chosen]) & np.isfinite(self.v[chosen])
         return np.count_nonzero(finite if finite.ndim == 2 else finite.all(axis=2), axis=1)
 
     def _table(self) -> SimpleNamespace:
-        """Return the columns of all states, one after the other, also a last one that is not one to save."""
+        """Return the columns of all states, including a last state that save_every does not include."""
         counts = self._n_rows()
         chosen = np.arange(self.u.shape[1]) < counts[:, None]
         member = np.nonzero(chosen)[0]
@@ -193,7 +193,7 @@ class EnsembleSolution:
         Returns
         -------
         xarray.Dataset
-            As that of a `Solution`, with a first axis member, the number of the member in the whole ensemble. If the
+            As for a `Solution`, with a first axis member, the number of the member in the whole ensemble. If the
             members have different times, the second axis is row, and the coordinate t has the times. h, n_steps and
             status are variables over member.
 
@@ -212,8 +212,8 @@ class EnsembleSolution:
         Returns
         -------
         pandas.DataFrame
-            The columns member, the number of the member in the whole ensemble, and t; then those of a `Solution`. Its
-            `attrs` have the method and the units. States after the end of a member are left out.
+            The columns member, the number of the member in the whole ensemble, and t; then the columns as for a
+            `Solution`. `attrs` has the method and the units. States after the end of a member are left out.
 
         Raises
         ------
@@ -227,7 +227,7 @@ class EnsembleSolution:
     def extend(
         self, t_end: float, *, t_eval: ArrayLike | None = None, progress: bool = False, cancel: Cancel | None = None
     ) -> EnsembleSolution:
-        """Return the ensemble over a longer span, with the same bits as one run over it.
+        """Return the ensemble over a longer span, bitwise as one run over it.
 
         The members run again from their start, in this process and on all cores: a block keeps no state.
 
@@ -248,7 +248,7 @@ class EnsembleSolution:
         """
         if self._again is None:
             raise ValueError(
-                "this ensemble cannot be extended: it was copied, loaded or is a part; extend the one that "
+                "this ensemble cannot be extended: it was copied, loaded or is a part; extend the solution that "
                 "eig3.ensemble returned."
             )
         return self._again(t_end, t_eval, progress, cancel)
@@ -283,7 +283,7 @@ class EnsembleSolution:
         given = {"events": events, "invariants": invariants, "outputs": outputs, "jacobian": jacobian}
         for name, value in given.items():
             if value is not None:
-                raise ValueError(f"{name} is for single runs: an ensemble that was loaded does not go on.")
+                raise ValueError(f"{name} is for single runs: a loaded ensemble cannot be continued.")
         self._rhs = rhs
         return self
 
@@ -330,14 +330,14 @@ class EnsembleSolution:
         return accelerations(check_callback(rhs, "rhs", SCALAR if u.ndim == 1 else VECTOR), params, t, u, v)
 
     def _reason(self, i: int) -> Reason | None:
-        """Return the function that explains why member i diverged: it repeats the member alone."""
+        """Return the function that explains why member i diverged. It repeats the member as a single run."""
         repeat = self._repeat
         if repeat is None or self.status[i] is not Status.DIVERGED:
             return None
         return lambda: repeat(i).explain()
 
     def __getstate__(self) -> dict[str, Any]:
-        # These functions refer to compiled code. Members with the same times need them only once.
+        # These functions refer to compiled code. Members with the same times share them.
         state = {name: value for name, value in vars(self).items() if name not in ("_rhs", "_repeat", "_again")}
         return state | {"t": self.t if self.t.strides[0] else self.t[:1]}
 
@@ -370,7 +370,7 @@ class EnsembleSolution:
 
 files.register(EnsembleSolution)
 
-#: Takes from a part of an ensemble what the caller needs of it.
+#: A function that returns the values that the caller needs from a part of an ensemble.
 Reduce = Callable[[EnsembleSolution], Any]
 
 

@@ -1,1 +1,1 @@
-"""Derivatives of a run with respect to parameters and starts, and the fit of these to measured data."""
+"""Sensitivities of a run to parameters and initial values, and the fit of these values to measured data."""

@@ -1,4 +1,4 @@
-"""Measured data: series of values over time, each of one quantity of a run."""
+"""Measured data: time series of quantities of a run."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from ..result.solution import Solution
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Values of one quantity over time.
+    """A time series of one quantity.
 
     Attributes
     ----------
     name : str
     t, values, sigma : ndarray, shape (m,)
-        Times, measured values, of which NaN stands for a missing one, and standard deviations of their noise.
+        Times, measured values (NaN if missing), and standard deviations of their noise.
     group, key : str
         Where the quantity is in a `Solution`: "u" or "v", or the name among the outputs or the quadratures.
     column : int or None
-        Its column there; None if there is one quantity only.
+        The column of the quantity; None if there is only one column.
     """
 
     name: str
@@ -50,7 +50,7 @@ def check_data(problem: Problem, data: Any, outputs: Mapping[str, Any], sigma: A
     Raises
     ------
     TypeError, ValueError
-        If data or sigma is not as `eig3.fit` describes it, or a name is not one of the problem.
+        If data or sigma is not as `eig3.fit` describes, or the problem has no quantity of a name.
     """
     known = _quantities(problem, outputs)
     data = _of_pandas(data)
@@ -73,7 +73,7 @@ def check_data(problem: Problem, data: Any, outputs: Mapping[str, Any], sigma: A
 
 
 def _of_pandas(data: Any) -> Any:
-    """Return the pair or the dictionary of pairs of a table of pandas, which need not be installed; or what it is."""
+    """Convert a pandas table to a pair or a dictionary of pairs, without importing pandas; return other data as is."""
     if not hasattr(data, "to_numpy") or not hasattr(data, "index"):
         return data
     if hasattr(data, "columns"):
@@ -83,7 +83,7 @@ def _of_pandas(data: Any) -> Any:
 
 
 def _quantities(problem: Problem, outputs: Mapping[str, Any]) -> dict[str, tuple[dict[str, Any], tuple[int, ...]]]:
-    """Return the place in a `Solution` and the shape of each quantity, by name; outputs come first."""
+    """Return the place in a `Solution` and the shape of each quantity, by name; outputs take precedence."""
     n, is_number = np.size(problem.u0), np.ndim(problem.u0) == 0
     known: dict[str, tuple[dict[str, Any], tuple[int, ...]]] = {}
     for letter in "uv":
@@ -111,7 +111,7 @@ def _series(
     name: str, pair: Any, argument: str, place: dict[str, Any], shape: tuple[int, ...], sigma: Any
 ) -> list[Series]:
     """Return a series, or one for each column of the values, after a check of their shapes."""
-    if hasattr(pair, "to_numpy") and hasattr(pair, "index"):  # a series of pandas, by its own name or another
+    if hasattr(pair, "to_numpy") and hasattr(pair, "index"):  # a pandas Series, by its name or another name
         pair = pair.index.to_numpy(), pair.to_numpy()
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         raise TypeError(f"{argument} must be a pair (times, values), not {shown(pair)}.")

@@ -1,4 +1,4 @@
-"""The covariance of parameters that were found by least squares."""
+"""The covariance of least-squares estimates."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-_DOUBTFUL = 1e-3  # from here on, the error of one-sided differences might make values look determined
-_DEPENDENT = 1e-7  # a singular value below this part of the largest one is that of values the data do not tell apart
-_INVOLVED = 1e-2  # least part of a value in such a combination
+_DOUBTFUL = 1e-3  # below this singular value, errors of one-sided differences might make parameters look determined
+_DEPENDENT = 1e-7  # smaller singular values, relative to the largest, belong to undetermined parameters
+_INVOLVED = 1e-2  # least share of a parameter in such a combination
 
 
 def is_doubtful(jacobian: np.ndarray) -> bool:
-    """Return whether derivatives must be more exact, because their smallest singular value is small."""
+    """Return whether the derivatives must be more accurate, because their smallest singular value is small."""
     s = np.linalg.svd(jacobian, compute_uv=False)
     return bool(s[-1] <= _DOUBTFUL * s[0])
 
@@ -20,21 +20,21 @@ def is_doubtful(jacobian: np.ndarray) -> bool:
 def covariance(
     jacobian: np.ndarray, sizes: np.ndarray, is_free: np.ndarray, variance: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the covariance ``variance * inverse(J^T J)`` of the free parameters, and which of them are not determined.
+    """Return the covariance ``variance * inverse(J^T J)`` of the free parameters, and a mask of undetermined ones.
 
     To the first order, this is the covariance of a least-squares estimate (Seber and Wild, Nonlinear Regression, 1989,
-    section 2.1). It follows from the singular values of J, which lose no digits in J^T J.
+    section 2.1). It is computed from the singular values of J, without the round-off of J^T J.
 
     Parameters
     ----------
     jacobian : ndarray, shape (m, p)
-        The derivatives J of the weighted residuals by the parameters, as parts of their sizes.
+        The derivatives J of the weighted residuals with respect to the parameters, scaled by their sizes.
     sizes : ndarray, shape (p,)
         The sizes of the parameters.
     is_free : ndarray of bool, shape (p,)
-        Parameters that are not at a bound. The others are held, and their rows and columns are NaN.
+        Parameters that are not at a bound. The others are fixed, and their rows and columns are NaN.
     variance : float
-        That of the weighted residuals.
+        The variance of the weighted residuals.
 
     Returns
     -------

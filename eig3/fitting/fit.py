@@ -1,4 +1,4 @@
-"""`fit`: find parameters and starts of a problem from measured data."""
+"""`fit`: identify parameters and initial values of a problem from measured data."""
 
 from __future__ import annotations
 
@@ -24,44 +24,44 @@ from .model import Model
 from .picture import save
 from .places import Place, changed, check_places, sizes
 
-_TOLERANCE = 1e-10  # of the sum of squares, and of the parameters by their sizes
-_NO_GRADIENT = float(np.finfo(np.float64).eps)  # SciPy divides by zero where the gradient is zero from the first
+_TOLERANCE = 1e-10  # relative, for the sum of squares and for the parameters
+_NO_GRADIENT = float(np.finfo(np.float64).eps)  # SciPy divides by zero if the gradient is zero at the start
 _DIGITS = 16  # most digits of a value in texts
-_AT_BOUND = 1e-6  # largest distance from a bound of a parameter that the data push towards it, by its size
+_AT_BOUND = 1e-6  # largest distance from a bound, relative to its size, of a parameter that the data push towards it
 _ENDS = {
-    0: "The fit took too many runs without an end: give first values that are nearer, or bounds.",
-    1: "The fit ended, because the sum of squares becomes no smaller.",
-    2: "The fit ended, because the parameters change no more.",
-    3: "The fit ended, because the sum of squares becomes no smaller.",
+    0: "The fit did not converge within the largest number of runs: give better first values, or bounds.",
+    1: "The fit ended, because the sum of squares does not decrease any more.",
+    2: "The fit ended, because the parameters do not change any more.",
+    3: "The fit ended, because the sum of squares does not decrease any more.",
     4: "The fit ended, because neither the sum of squares nor the parameters change any more.",
 }
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """Parameters that were found from data, and how well the data determine them.
+    """Fitted parameters, and how well the data determine them.
 
     Attributes
     ----------
     values, errors : dict of str to float
-        The parameters and their standard errors, by name. An error is NaN at a bound, where the parameter is held, and
-        infinite if the data do not determine it.
+        The parameters and their standard errors, by name. An error is NaN for a parameter at a bound, and infinite if
+        the data do not determine the parameter.
     covariance, correlation : ndarray, shape (p, p)
-        Of the parameters, in the order of `values`.
+        The matrices of the parameters, in the order of `values`.
     residuals : dict of str to ndarray
-        Data less model, for each series of the data; NaN where a value is missing.
+        Data minus model, for each series of the data; NaN for a missing value.
     scatter : float
-        The standard deviation of the residuals: in the unit of the data without sigma, and in multiples of sigma with
-        it. It is then near 1 if sigma and the model are right.
+        The standard deviation of the residuals: without sigma in the unit of the data, with sigma in multiples of
+        sigma. The latter is near 1 if sigma and the model are right.
     at_bound : tuple of str
-        The parameters that ended at a bound, and those with equal bounds.
+        The parameters that ended at a bound or have equal bounds.
     problem : Problem
-        The problem with the parameters found.
+        The problem with the fitted parameters.
     success : bool
     status : int
-        Why the fit ended, as SciPy's least_squares numbers it.
+        The status of SciPy's least_squares.
     message : str
-        The same in a sentence.
+        A sentence about the status.
     n_runs : int
         Number of runs.
     """
@@ -87,9 +87,9 @@ class Fit:
         Parameters
         ----------
         path : str or path
-            The file, whose ending is the format, such as ".png" or ".svg".
+            The file, whose suffix sets the format, such as ".png" or ".svg".
         units : dict of str to str
-            Units of outputs and quadratures by name, such as ``{"force": "N"}``. Those of u and v are the problem's.
+            Units of outputs and quadratures by name, such as ``{"force": "N"}``. The problem has the units of u and v.
 
         Returns
         -------
@@ -128,30 +128,30 @@ def fit(
     outputs: Mapping[str, Any] | None = None,
     sigma: Any = None,
 ) -> Fit:
-    """Find parameters and starts of a problem from data, by least squares.
+    """Identify parameters and initial values of a problem from data, by least squares.
 
-    SciPy's ``least_squares`` (a trust region that is reflected at bounds) minimises the sum of
-    ``((data - model) / sigma)**2`` over prepared runs. The states at the times of the data are those of ``t_eval``. The
-    page eig3/fitting/README.md has an example.
+    SciPy's ``least_squares`` (trust-region reflective) minimises the sum of ``((data - model) / sigma)**2`` over
+    prepared runs, with ``t_eval`` at the times of the data. The page eig3/fitting/README.md has an example.
 
     Parameters
     ----------
     problem : Problem
         The runs end at the last time of the data.
     data : (times, values); or dict of str to (times, values); or pandas.Series or pandas.DataFrame
-        Values of u, of shape (m,), or (m, n) for n degrees of freedom. Or series by name, each with its own times: "u"
-        or "v" with one degree of freedom, "u0", "v1" or the problem's names with several, outputs and quadratures. Of
-        tables of pandas, the index has the times, and the columns have these names. NaN stands for a missing value.
+        Values of u, of shape (m,), or (m, n) for n degrees of freedom. Or time series by name, each with separate
+        times: "u" or "v" with one degree of freedom, "u0", "v1" or the problem's names with several, outputs and
+        quadratures. In a pandas table, the index has the times, and the columns have these names. NaN marks a missing
+        value.
     parameters : str or sequence of str; or dict of str to float
-        Names as for `eig3.sensitivities`. The first values are those of the problem, or of the dictionary.
+        Names as for `eig3.sensitivities`. The first values come from the dictionary, or from the problem.
     bounds : dict of str to (low, high)
-        Bounds by name; None or infinite for no bound on a side. No run has values beyond them. Two equal bounds hold a
+        Bounds by name; None or infinite for no bound on a side. No run has values beyond them. Two equal bounds fix a
         parameter.
     h, rtol, atol, method, outputs
         As for `Problem.integrate`.
     sigma : float or array_like; or dict of str to float or array_like
-        Standard deviation of the noise in the data, of all values or of each. Without it, the standard errors follow
-        from the scatter of the residuals; data with several names need it.
+        Standard deviation of the noise in the data, for all values or for each value. Without it, the standard errors
+        come from the scatter of the residuals; data with several names need it.
 
     Returns
     -------
@@ -160,15 +160,15 @@ def fit(
     Raises
     ------
     TypeError, ValueError
-        An argument is not valid. These errors are raised before anything runs. Or the motion or the acceleration with
+        An argument is not valid; these errors are raised before anything runs. Or the motion or the acceleration with
         the first values is not finite.
     ImportError
         SciPy is not installed.
     IntegrationError
-        The run with the first values, or one for the derivatives, diverges. The error names the values and, where one
+        The run with the first values, or a run for the derivatives, diverges. The error names the values and, if one
         was found, a step h with which the run does not diverge.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` is the run or the ensemble up to then; None between two of them.
+        After Ctrl-C. Its attribute `solution` is the interrupted run or ensemble; None between two runs.
     """
     places = check_places(problem, parameters)
     series = check_data(problem, data, check_functions(None, outputs).outputs, sigma)
@@ -185,14 +185,14 @@ def fit(
 
 
 def _minimise(model: Model, first: np.ndarray, lengths: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]) -> Any:
-    """Return SciPy's result, with all parameters in x, and J by those that are free, as parts of their sizes."""
+    """Return SciPy's result, with all parameters in x, and J for the free parameters, scaled by their sizes."""
     least_squares, (low, high) = _least_squares(), bounds
     free = low < high
     ends = low[free] / lengths[free], high[free] / lengths[free]
 
     def values(q: np.ndarray) -> np.ndarray:
         x = first.copy()
-        x[free] = np.clip(q * lengths[free], low[free], high[free])  # a product may be beyond a bound by its last bit
+        x[free] = np.clip(q * lengths[free], low[free], high[free])  # a product may exceed a bound by its last bit
         return x
 
     def residuals(q: np.ndarray) -> np.ndarray:
@@ -205,7 +205,7 @@ def _minimise(model: Model, first: np.ndarray, lengths: np.ndarray, bounds: tupl
             )
             if is_doubtful(result.jac):
                 result.jac = least_squares(residuals, result.x, jac="3-point", bounds=ends, max_nfev=1).jac
-    except ValueError:  # of infinite residuals beside a point
+    except ValueError:  # from infinite residuals near a point
         model.raise_failure()
         raise
     result.x, result.fun, result.jac = values(result.x), result.fun * model.size, result.jac * model.size
@@ -264,7 +264,7 @@ def _least_squares() -> Any:
 def _at_bounds(
     x: np.ndarray, gradient: np.ndarray, lengths: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the parameters and which of them are at a bound; these have the value of the bound itself."""
+    """Return the parameters, with the exact value of a bound if they are at it, and a mask of these parameters."""
     low, high = bounds
     is_low = ((x - low <= _AT_BOUND * lengths) & (gradient > 0)) | (low == high)
     is_high = (high - x <= _AT_BOUND * lengths) & (gradient < 0)
@@ -290,7 +290,7 @@ def _check_bounds(problem: Problem, places: Sequence[Place], bounds: Any) -> tup
     low, high = np.full(len(places), -np.inf), np.full(len(places), np.inf)
     for name, pair in bounds.items():
         if name not in names:
-            raise unknown_name("bounds must be those of the parameters, which have", str(name), names, ValueError)
+            raise unknown_name("bounds must have names of parameters, which have", str(name), names, ValueError)
         if not isinstance(pair, tuple | list) or len(pair) != 2:
             raise TypeError(f"bounds[{name!r}] must be a pair (low, high), not {shown(pair)}.")
         i = names.index(name)
@@ -329,12 +329,12 @@ def _check_times(problem: Problem, series: Sequence[Series]) -> None:
 
 
 def _unit(problem: Problem, series: Series) -> str:
-    """Return the unit of a series of u or v; empty for others."""
+    """Return the unit of a series of u or v; empty for other series."""
     return problem.unit(series.group, series.column or 0) if series.group in ("u", "v") else ""
 
 
 def _with_error(name: str, value: float, error: float) -> str:
-    """Return a value with the digits that its error leaves, such as "k = 4.003 +- 0.012"."""
+    """Return a value with its significant digits, such as "k = 4.003 +- 0.012"."""
     if np.isnan(error):
         return f"{name} = {value:.6g} (held)"
     if not 0 < error < np.inf:

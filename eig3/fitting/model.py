@@ -1,4 +1,4 @@
-"""The weighted residuals of a fit, as functions of the values at some places of a problem."""
+"""The weighted residuals of a fit, as functions of the parameters."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .places import Place, said
 
 
 class Model:
-    """The difference between a model and its data.
+    """The difference between a model and the data.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Model:
         self._failure: Callable[[], Exception] | None = None
 
     def __len__(self) -> int:
-        """The number of residuals: missing values have none."""
+        """The number of residuals: missing values have no residual."""
         return len(self._values)
 
     def run(self, x: np.ndarray) -> Solution:
@@ -70,7 +70,7 @@ class Model:
         return self._run.member(self._span, u0, v0, self._start["params"], None)
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Return (model - data) / sigma; infinite if the run fails, which SciPy answers by a shorter step."""
+        """Return (model - data) / sigma; infinite if the run fails, after which SciPy tries a shorter step."""
         try:
             solution = self.run(x)
         except NotFiniteAtStartError as error:
@@ -90,7 +90,7 @@ class Model:
             raise self._failure() from None
 
     def by_series(self, residuals: np.ndarray) -> dict[str, np.ndarray]:
-        """Return data less model for each series, with NaN for missing values."""
+        """Return data minus model for each series, with NaN for missing values."""
         found = np.full(len(self._has_value), np.nan)
         found[self._has_value] = -residuals * self._sigma
         ends = np.cumsum([len(each.t) for each in self.series])[:-1]

@@ -29,7 +29,7 @@ def save(
     ----------
     path : Path
     title : str
-        The parameters found.
+        The fitted parameters.
     series : sequence of Series
     residuals : mapping of str to ndarray
     run : Solution

@@ -1,4 +1,4 @@
-"""The names of parameters and of entries of the start, and where their values are in a problem."""
+"""The names of parameters and of entries of the initial values, and their places in a problem."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FLAT = "p"  # the name of parameters without names, as functions call them
 
 
 class Place(NamedTuple):
-    """Where a value is in a problem.
+    """The place of a value in a problem.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Place(NamedTuple):
     entry: tuple[int, ...]
 
     def array(self, problem: Problem) -> np.ndarray:
-        """Return the whole array in which the value is, of a shape () for a number."""
+        """Return the array that contains the value, of shape () for a number."""
         if self.key:
             return np.asarray(problem.params[self.key], dtype=np.float64)
         if self.field == "params":
@@ -51,12 +51,12 @@ class Place(NamedTuple):
         return float(self.array(problem)[self.entry])
 
     def offset(self, problem: Problem) -> int:
-        """Return the place in the flat array u0, v0 or p of the kernels."""
+        """Return the index in the flat array u0, v0 or p of the kernels."""
         begin = problem.params.layout.places(problem.params._asdict())[self.key].start if self.key else 0
         return begin + (int(np.ravel_multi_index(self.entry, self.array(problem).shape)) if self.entry else 0)
 
     def size(self, problem: Problem) -> float:
-        """Return the size of the value, or that of the largest value in its named array if it is zero."""
+        """Return the size of the value, or the size of the largest value in its named array if it is zero."""
         return abs(self.value(problem)) or (float(np.abs(self.array(problem)).max()) if self.key else 0.0)
 
 
@@ -66,7 +66,7 @@ def check_places(problem: Problem, names: str | Iterable[str]) -> list[Place]:
     Raises
     ------
     TypeError, ValueError
-        If there is no such value, if it is no real number, if a name is there twice, or if problem is none.
+        If a value does not exist or is not a real number, if a name is given twice, or if problem is not a Problem.
     """
     if not isinstance(problem, Problem):
         raise TypeError(f"problem must be an eig3.Problem, not {shown(problem)}.")
@@ -87,8 +87,8 @@ def sizes(
 ) -> np.ndarray:
     """Return the sizes of the values, shape (p,).
 
-    Each is that of the value itself; or of the largest value in its named array; or for a start that of the motion; or
-    else `of_zeros`.
+    The size of a value is its magnitude. For a value of zero, it is the magnitude of the largest value in its named
+    array, or for an initial value the size of the motion, or otherwise `of_zeros`.
     """
     found = np.array([place.size(problem) for place in places])
     resting = [i for i, place in enumerate(places) if found[i] < _LEAST and place.field != "params"]
@@ -154,7 +154,7 @@ def _place(problem: Problem, name: Any) -> Place:
 
 
 def _heads(problem: Problem) -> dict[str, tuple[str, str]]:
-    """Return the field and the key of each name; a parameter that is called u0 comes before the start."""
+    """Return the field and the key of each name; a parameter named u0 takes precedence over the initial value."""
     heads = {"u0": ("u0", ""), "v0": ("v0", "")}
     layout = getattr(problem.params, "layout", None)
     if layout is not None:

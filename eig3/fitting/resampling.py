@@ -1,17 +1,17 @@
-"""Values at times between the saved ones, from the saved values alone."""
+"""Interpolation between saved values, from the values alone."""
 
 from __future__ import annotations
 
 import numpy as np
 
-_COUNT = 6  # values that a polynomial goes through
+_COUNT = 6  # values that a polynomial matches
 
 
 def resampled(t: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Interpolate at other times by the polynomials through the values at the six nearest saved times.
 
-    The result is linear in the values, so that its derivatives are the interpolated derivatives. Lagrange's formula
-    gives the saved value itself at a saved time.
+    The result is linear in the values, so its derivatives are the interpolated derivatives. Lagrange's formula gives
+    the exact saved value at a saved time.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Runs of a problem with other values of some parameters, as the members of an ensemble."""
+"""Runs of a problem with varied parameters, as the members of an ensemble."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .series import History
 
 
 class Runs:
-    """Runs that differ in the values at some places of a problem, with one and the same sequence of steps.
+    """Runs with different values at some places of a problem, and with the same sequence of steps.
 
     Parameters
     ----------
@@ -56,11 +56,11 @@ class Runs:
 
     @property
     def first(self) -> np.ndarray:
-        """The values of the problem itself, shape (p,)."""
+        """The values of the problem, shape (p,)."""
         return np.array([place.value(self.problem) for place in self.places])
 
     def motion(self) -> Solution:
-        """Return the run itself, after a check."""
+        """Return the run with the values of the problem, after a check."""
         rows = self.first[None]
         members = self(rows)
         self.check(members, rows)
@@ -88,13 +88,13 @@ class Runs:
 
 
 def history(members: EnsembleSolution, times: np.ndarray | None) -> History:
-    """Return the histories of members that completed, at the saved times or at others between them.
+    """Return the histories of completed members, at the saved times or at other times between them.
 
-    u and v are those of `Solution.at`. Outputs and quadratures are interpolated by `resampled`.
+    u and v are interpolated as by `Solution.at`, outputs and quadratures by `resampled`.
     """
     if times is None:
         return History(members.u, members.v, members.outputs, members.quadratures)
-    members[0].at(times)  # which warns of saved states that are too far apart
+    members[0].at(times)  # this warns if the saved states are too far apart
     values = (
         {name: resampled(members.t[0], x, times) for name, x in group.items()}
         for group in (members.outputs, members.quadratures)
@@ -103,7 +103,7 @@ def history(members: EnsembleSolution, times: np.ndarray | None) -> History:
 
 
 def _states_at(members: EnsembleSolution, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate u and v of all members as `Solution.at` does, but at once: this takes a tenth of the time."""
+    """Interpolate u and v of all members as `Solution.at` does, but together, in a tenth of the time."""
     each = list(members)
     u, v, a = (np.stack(values, axis=1) for values in zip(*((x.u, x.v, x.a) for x in each), strict=True))
     found = Knots(each[0].t, u, v, a.__getitem__).at(times, each[0]._knots_of_a_polynomial)

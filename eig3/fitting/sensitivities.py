@@ -1,4 +1,4 @@
-"""`sensitivities`: derivatives of a run with respect to parameters and to the start."""
+"""`sensitivities`: derivatives of a run with respect to parameters and initial values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .stencils import differences, usual_steps
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sensitivities:
-    """A run, and its derivatives with respect to p parameters.
+    """A run and its derivatives with respect to p parameters.
 
     ``result["k"]`` is the `History` of the derivatives with respect to k, such as ``result["k"].u``.
 
@@ -36,8 +36,8 @@ class Sensitivities:
         The run itself.
     derivatives, errors : History
         Derivatives with respect to each parameter, and estimates of their errors, with a first axis of parameters.
-        `errors` are those of the differences: the derivatives are those of the computed run with its steps, whose own
-        errors have the order of the method.
+        `errors` contains only the errors of the differences. The derivatives belong to the computed run, whose
+        time-step error comes in addition.
     steps : dict of str to float
         The steps of the differences.
     """
@@ -78,27 +78,28 @@ def sensitivities(
     outputs: Mapping[str, Any] | None = None,
     steps: Mapping[str, float] | None = None,
 ) -> Sensitivities:
-    """Find the derivatives of a run with respect to parameters and to the start, from runs side by side in SIMD lanes.
+    """Find the derivatives of a run with respect to parameters and initial values, from runs in SIMD lanes.
 
     For each parameter p, four members of an ensemble have the values p - 2 d, p - d, p + d and p + 2 d. All members
-    take the same steps h, so that the computed states are smooth functions of p if rhs is. Central differences D(d) and
-    D(2 d) give the derivative (4 D(d) - D(2 d)) / 3 of the order 4, by Richardson's rule.
+    take the same steps h, so the computed states are smooth functions of p if rhs is smooth. Central differences D(d)
+    and D(2 d) give the derivative (4 D(d) - D(2 d)) / 3 of the order 4, by Richardson extrapolation.
 
     Parameters
     ----------
     problem : Problem
-        Without events. Integrals of a problem have derivatives too.
+        Without events. Its quadratures have derivatives too.
     parameters : str or sequence of str
-        Names of parameters: "k", an entry "k[2]" of an array, "p[3]" where they have no names; and entries "u0[1]" and
-        "v0[0]" of the start, or "u0" and "v0" with one degree of freedom.
+        Names of parameters: "k", an entry "k[2]" of an array, "p[3]" if the parameters have no names; and entries
+        "u0[1]" and "v0[0]" of the initial values, or "u0" and "v0" with one degree of freedom.
     h, method, t_end, save_every, outputs
         As for `Problem.integrate`.
     t_eval : array_like, shape (s,)
-        Find the derivatives at these times. u and v are those of `Solution.at`, from all saved states; outputs and
-        quadratures follow from polynomials through six saved values.
+        The times of the derivatives. u and v are interpolated between the saved states as by `Solution.at`, outputs and
+        quadratures by polynomials through six saved values.
     steps : dict of str to float
         Steps d by name, rounded down to powers of two. By default d is 2^-12 of the size of the value. For a value of
-        zero this size is that of the largest entry of its array with a name, for a start that of the motion, or else 1.
+        zero, this is the size of the largest entry of its named array, for an initial value the size of the motion, and
+        otherwise 1.
 
     Returns
     -------
@@ -111,7 +112,7 @@ def sensitivities(
     IntegrationError
         A member diverged.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` is the run or the ensemble up to then; None between two of them.
+        After Ctrl-C. Its attribute `solution` is the interrupted run or ensemble; None between two runs.
     """
     places = check_places(problem, parameters)
     times = None if t_eval is None else _check_times(problem, t_eval, t_end)
@@ -141,7 +142,7 @@ def _check_steps(places: Sequence[Place], steps: Mapping[str, float] | None) -> 
     names = [place.name for place in places]
     for name, step in (steps or {}).items():
         if name not in names:
-            raise unknown_name("steps must be those of the parameters, which have", name, names, ValueError)
+            raise unknown_name("steps must have names of parameters, which have", name, names, ValueError)
         size = reals(step, f"steps[{name!r}]")
         if size.ndim or not 0 < size < np.inf:
             raise ValueError(f"steps[{name!r}] must be a positive, finite number, not {step!r}.")

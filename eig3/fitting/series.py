@@ -1,4 +1,4 @@
-"""Values over time of all that a run gives: displacements, velocities, outputs and quadratures."""
+"""Time histories of displacements, velocities, outputs and quadratures."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False, repr=False)
 class History:
-    """Displacements, velocities, outputs and quadratures at some times, or their derivatives, or errors of these.
+    """Displacements, velocities, outputs and quadratures at some times, or their derivatives, or the errors of these.
 
     Attributes
     ----------
     u, v : ndarray, shape (s,) or (s, n)
     outputs : dict of str to ndarray, shape (s,) or (s, k)
     quadratures : dict of str to ndarray, shape (s,)
-        Where there is one for each of p parameters, all arrays have a further first axis of length p.
+        For derivatives with respect to p parameters, all arrays have a further first axis of length p.
     """
 
     u: np.ndarray

@@ -1,4 +1,4 @@
-"""Differences that give a derivative to the order 4, and an estimate of its error."""
+"""Difference formulas for derivatives of the order 4, and for estimates of their errors."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from .series import History
 
-_RELATIVE = 2.0**-12  # step of a difference, as a part of the value: a run of 100 periods is smooth over it
+_RELATIVE = 2.0**-12  # step of a difference, relative to the value: a run of 100 periods is smooth over it
 _UNIT = float(np.finfo(np.float64).eps)
 
 
-# Central differences D(d) and D(2 d) from values at these multiples of d: by Richardson's rule (4 D(d) - D(2 d)) / 3
-# has the order 4. The weights are those of the differences from the value in the middle.
+# Central differences D(d) and D(2 d) from values at these multiples of d: by Richardson extrapolation, # (4 D(d) - D(2
+# d)) / 3 has the order 4. The weights apply to differences from the value in the middle.
 _OFFSETS = -2, -1, 1, 2
 _WEIGHTS = 1 / 12, -8 / 12, 8 / 12, -1 / 12
 _SPREAD = 1 / 4, -1 / 2, 1 / 2, -1 / 4  # of the difference between D(d) and D(2 d)
@@ -26,7 +26,7 @@ class Differences(NamedTuple):
     Attributes
     ----------
     rows : ndarray, shape (1 + 4 p, p)
-        The values of the parameters in each member. The first one is the run itself.
+        The values of the parameters in each member. The first member has the unchanged values.
     steps : ndarray, shape (p,)
     """
 
@@ -40,9 +40,9 @@ class Differences(NamedTuple):
     def errors(self, members: History, n_steps: int) -> History:
         """Return estimates of the errors of the derivatives.
 
-        Each is the largest one up to its time of a sum of two: the difference between two derivatives of the order 2,
-        which is more than the error of the derivative of the order 4, and the round-off of sums over `n_steps` steps,
-        which grows as a random walk.
+        An estimate is the sum of the difference between two derivatives of the order 2, which exceeds the error of the
+        derivative of the order 4, and of the round-off of sums over `n_steps` steps, which grows as a random walk. At
+        each time it is the largest value so far.
         """
         return members.map(lambda x: self._errors(x, n_steps))
 
@@ -60,8 +60,8 @@ class Differences(NamedTuple):
 
 
 def differences(values: np.ndarray, steps: np.ndarray) -> Differences:
-    """Choose the members for the derivatives at some values; both arrays have the shape (p,)."""
-    steps = 2.0 ** np.floor(np.log2(steps))  # so that a value and a step have an exact sum
+    """Return the members for the derivatives at some values; both arrays have the shape (p,)."""
+    steps = 2.0 ** np.floor(np.log2(steps))  # makes the sum of a value and a step exact
     rows = [values]
     for i, step in enumerate(steps):
         for offset in _OFFSETS:

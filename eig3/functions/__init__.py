@@ -1,1 +1,1 @@
-"""What a user hands over: callbacks with their checks, quantities and events."""
+"""Functions and arguments of the user: callbacks with their checks, quantities, events and named parameters."""

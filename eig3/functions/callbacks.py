@@ -1,4 +1,4 @@
-"""The user's compiled functions: the decorator that compiles them, and the checks before a kernel calls them."""
+"""Jitted functions of the user: the decorator that compiles them, and the checks before a kernel calls them."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     function : function
         The function to compile. Without it, ``jit(**options)`` returns a decorator.
     **options
-        Options of ``numba.njit``, which replace those of the kernels. The compiled function is kept on the disk
-        unless ``cache=False``. In a folder that cannot be written, or that other users can write, each process
-        compiles the function, with a warning.
+        Options of ``numba.njit``, which replace the options of the kernels. The compiled function is cached on the disk
+        unless ``cache=False``. If the folder is not writable, or is writable by other users, each process compiles the
+        function, with a warning.
 
     Returns
     -------
@@ -56,10 +56,10 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     Notes
     -----
     Numba compiles a global variable as a constant. If its value has changed when the next run begins, the function is
-    compiled again, which takes some tenths of a second: pass values that change often as parameters. A function is
-    found on the disk by its code, the code of the functions that it calls, and the values from outside. A function that
-    uses anything else, such as an `enum`, is compiled in each process. Numba does not check indices unless the
-    environment variable NUMBA_BOUNDSCHECK is 1 when Python starts.
+    compiled again, which takes some tenths of a second: pass values that change often as parameters. The key of the
+    cache is the code of the function, the code of the functions that it calls, and the values of global and closure
+    variables. A function that uses other objects, such as an `enum`, is compiled in each process. Numba does not check
+    indices unless the environment variable NUMBA_BOUNDSCHECK is 1 when Python starts.
     """
     if function is None:
         return functools.partial(jit, **options)
@@ -71,25 +71,24 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Callback:
-    """A user's function, compiled for the fixed signature of its kind.
+    """A function of the user, compiled for the fixed signature of its kind.
 
     Attributes
     ----------
     address : int
         The address of its machine code. A kernel in pointer mode calls the function at this address.
     call : callable
-        Calls the function from Python. It does not check the types of the arguments, which must be those of the
-        signature.
+        Calls the function from Python. The types of the arguments must match the signature; they are not checked.
     compiled : Numba's compile result
         Keeps the machine code alive.
     function : function
-        The plain Python function, with the globals that were compiled. A later assignment has no effect on it.
+        The plain Python function, with the globals that were compiled. A later assignment does not change it.
     reads_velocity : bool
         False if the function certainly does not read its third argument, v.
     reads_time : bool
         False if the function certainly does not read its first argument, t.
     captured : tuple of Captured
-        The values from outside that were compiled into the function and into those that it calls.
+        The global and closure values that were compiled into the function and into the functions that it calls.
     pace : dict
         Measured seconds per step of the kernels that called it, by kernel and number of degrees of freedom.
     """
@@ -118,7 +117,7 @@ _INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
 
 PLACE_OF_P = 3  # among the arguments of a function
 
-# The references are weak, so that a program that makes many functions does not keep all of them in memory.
+# The references are weak, to free the memory of functions that are no longer used.
 _checked: WeakKeyDictionary[Jitted, dict[tuple[str, str], Callback]] = WeakKeyDictionary()
 _captured: WeakKeyDictionary[Jitted, Captured] = WeakKeyDictionary()  # at the time when each was compiled
 
@@ -139,15 +138,15 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     Returns
     -------
     Callback
-        The same object at each call, until the user compiles the function anew, or assigns another value to a variable
-        that was compiled into it: it is then compiled with that value.
+        The same object at each call, until the user recompiles the function, or assigns another value to a variable
+        that was compiled into it: the function is then compiled with the new value.
 
     Raises
     ------
     TypeError
         If `function` is not decorated, has other arguments or another return type, or does not compile.
     ValueError
-        If it draws random numbers.
+        If the function draws random numbers.
     """
     if isinstance(function, Jitted):
         if hasattr(function, "callback"):  # a member of a `Family`
@@ -166,8 +165,8 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
 
 
 def is_present(known: Callback, function: Jitted) -> bool:
-    """Return whether the function is still the one that was compiled, and so is each value from outside."""
-    # The user may have compiled the function anew.
+    """Return whether the function and the global and closure values in it are still as they were compiled."""
+    # The user may have recompiled the function.
     results = dict.values(compile_results(function))
     is_compiled = any(map(functools.partial(operator.is_, known.compiled), results))
     return is_compiled and not any(map(Captured.differs, known.captured))
@@ -177,17 +176,17 @@ def _refuse_random(function: Jitted, name: str) -> None:
     found = next((captured.random for _, captured in helpers_first(function) if captured.random), "")
     if found:
         raise ValueError(
-            f"{name} draws random numbers ({found}), so that no run could be repeated: draw them before the run, and "
+            f"{name} draws random numbers ({found}), and runs could not be repeated: draw them before the run, and "
             "pass them in params."
         )
 
 
 def _renew(function: Jitted) -> None:
-    """Compile a function, and those that it calls, anew if values that were compiled into them have changed."""
+    """Recompile a function and the functions that it calls if values that were compiled into them have changed."""
     renewed: list[Jitted] = []
     for each, captured in helpers_first(function):
         before = _captured.get(each)
-        # What was compiled before it came here may have been compiled with any values.
+        # Code that was compiled before this check may contain any values.
         is_old = before.differs() if before else bool(captured.values)
         if compile_results(each) and (is_old or any(helper in renewed for helper in captured.functions)):
             each.recompile()
@@ -198,7 +197,7 @@ def _renew(function: Jitted) -> None:
 def _with_present_globals(function: Any) -> Callable:
     """Return a copy of the Python function whose globals do not change.
 
-    What it binds to named parameters is inlined in the copy, so that it can run in lanes.
+    The binding to named parameters is inlined in the copy, which can then run in lanes.
     """
     f = function.py_func
     copy = types.FunctionType(f.__code__, dict(f.__globals__), f.__name__, f.__defaults__, f.__closure__)
@@ -227,12 +226,12 @@ def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
 
 
 def compile_present(function: Jitted, arguments: tuple, kind: str, name: str, wanted: str) -> Any:
-    """Compile a function with the present values from outside, and return Numba's compile result.
+    """Compile a function with the present global and closure values, and return Numba's compile result.
 
     Raises
     ------
     TypeError, ValueError
-        As `check_callback` does. `name` and `wanted`, the form of the arguments, are in the messages.
+        As in `check_callback`. `name` and `wanted`, the form of the arguments, appear in the messages.
     """
     _refuse_random(function, name)
     try:
@@ -253,10 +252,10 @@ def compile_present(function: Jitted, arguments: tuple, kind: str, name: str, wa
 
 
 def compile_for_own_arrays(function: Any, kind: str, form: Form) -> None:
-    """Compile a checked callback for writable arrays, the type of the arrays in the loop that it is inlined into.
+    """Compile a checked callback for writable arrays, the type of the arrays in the loop into which it is inlined.
 
-    This must be done before the loop is compiled. The loop is compiled without memory management, and would compile
-    the callback in the same way, so that the callback could not allocate arrays.
+    Call this before the loop is compiled. The loop is compiled without memory management, and would compile the
+    callback without it too. The callback could then not allocate arrays.
     """
     arguments = getattr(form, kind).args
     compiled(function, tuple(x.copy(readonly=False) if isinstance(x, numba.types.Array) else x for x in arguments))
@@ -275,8 +274,8 @@ def reads_time(function: Any) -> bool:
 def _reads(function: Any, place: int) -> bool:
     """Return False if a function certainly does not read the argument at a place.
 
-    This is so if no instruction of its bytecode names the argument. Numba compiles no access to a local variable except
-    by an instruction that names the variable.
+    The test is that no instruction of its bytecode names the argument. Numba accesses a local variable only by an
+    instruction that names the variable.
     """
     function = getattr(function, "py_func", function)
     code = getattr(getattr(function, "named", function), "py_func", function).__code__
@@ -317,7 +316,7 @@ def _check_arguments(function: Callable, name: str, kind: str, form: Form, wante
 
 
 def _check_order(function: Callable, name: str, wanted: str) -> None:
-    """Refuse t, u, v or p in another order. u, v and p may have the same type, so that no other check finds this."""
+    """Refuse t, u, v or p in another order. No other check detects this, because u, v and p may have the same type."""
     names = list(inspect.signature(function).parameters)[:4]
     if any(letter in names and names.index(letter) != place for place, letter in enumerate("tuvp")):
         raise TypeError(f"{name} takes {', '.join(names)} as its first arguments, but must have the form {wanted}.")
@@ -328,7 +327,7 @@ def takes(function: Callable, count: int) -> bool:
     if type(function) is types.FunctionType and not (function.__defaults__ or hasattr(function, "__wrapped__")):
         code = function.__code__
         if not (code.co_kwonlyargcount or code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS)):
-            return code.co_argcount == count  # a signature takes a hundred times as long
+            return code.co_argcount == count  # inspect.signature takes a hundred times as long
     try:
         inspect.signature(function).bind(*range(count))
     except TypeError:
@@ -340,7 +339,7 @@ def form_of(rhs: Any) -> Form:
     """Return the form of a right-hand side, from the number of its arguments."""
     function = getattr(rhs, "py_func", rhs)
     if not callable(function) or takes(function, len(SCALAR.rhs.args)):
-        return SCALAR  # if rhs is not a function, its check will say so
+        return SCALAR  # if rhs is not a function, a later check raises the error
     return VECTOR if takes(function, len(VECTOR.rhs.args)) else SCALAR
 
 

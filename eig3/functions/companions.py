@@ -1,4 +1,4 @@
-"""What belongs to a right-hand side besides its accelerations: a history, and constraints."""
+"""Companions of a right-hand side: the functions of its history and of its constraints."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from ..kernels.constraint_lanes import Straight
 
 
 class History(NamedTuple):
-    """Two compiled functions of (t, u, v, p), which return a number and change what a run remembers, in its p.
+    """Two compiled functions of (t, u, v, p) that update the history variables of a run in p, and return a number.
 
-    A trial state, such as a stage of a method or the end of a step that is rejected, changes nothing.
+    History variables, such as the tangential springs of grains, advance only at the end of accepted steps. Trial
+    states, such as the stages of a method or a rejected step, do not change them.
 
     Attributes
     ----------
     begin : jitted function
-        It forgets all. It is called at the start of a run, before the right-hand side.
+        Initialises the history variables. It is called at the start of a run, before the right-hand side.
     advance : jitted function
-        It goes on to a state. It is called at the end of each step, and at events.
+        Advances the history variables to a state. It is called at the end of each step, and at events.
     """
 
     begin: Any
@@ -25,16 +26,16 @@ class History(NamedTuple):
 
 
 class Constraints(NamedTuple):
-    """Compiled functions that keep the constraints of a right-hand side, whose accelerations know them.
+    """Compiled functions that enforce the constraints of a right-hand side, whose accelerations include the reactions.
 
     Attributes
     ----------
     project : jitted function
-        A function of (t, u, v, p), which returns a number and moves u and v to the nearest state that keeps them.
+        A function of (t, u, v, p) that projects u and v onto the constraints, and returns a number.
     leap : jitted function
-        A step of EIG-3 by accelerations that do not know them: see `eig3.kernels.constraints.hold`.
+        A step of EIG-3 by accelerations without reactions: see `eig3.kernels.constraints.hold`.
     straight : Straight or None
-        What keeps them in the lanes of an ensemble; None if there are many.
+        The constraints for the lanes of an ensemble; None if there are many.
     """
 
     project: Any
@@ -43,10 +44,10 @@ class Constraints(NamedTuple):
 
 
 def constraints_of(rhs: Any) -> Constraints | None:
-    """Return the constraints of a right-hand side, or None. They travel as its history does."""
+    """Return the constraints of a right-hand side, or None. They are pickled with the Python function."""
     return getattr(getattr(rhs, "py_func", None), "constraints", None)
 
 
 def history_of(rhs: Any) -> History | None:
-    """Return the history of a right-hand side, or None. It travels with the Python function to other processes."""
+    """Return the history of a right-hand side, or None. It is pickled with the Python function."""
     return getattr(getattr(rhs, "py_func", None), "history", None)

@@ -1,4 +1,4 @@
-"""A function of the state at many states, evaluated in compiled code."""
+"""Evaluate a function at many states in compiled code."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..kernels.protocol import SCALAR, VECTOR
 from .callbacks import Callback
 from .guard import guarded
 
-_CHUNK_VALUES = 2**18  # values in the states of one call, after which Python can answer Ctrl-C
+_CHUNK_VALUES = 2**18  # values in the states of one call, after which Python can handle Ctrl-C
 
 
 def accelerations(rhs: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -19,7 +19,7 @@ def accelerations(rhs: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarra
     ----------
     rhs : Callback
     params : ndarray
-        A copy is made for this call, because a scene keeps lists of neighbours there.
+        The call copies them, because a scene stores neighbour lists in them.
     t : ndarray, shape (m,)
     u, v : ndarray, shape (m,) or (m, n)
 

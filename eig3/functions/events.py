@@ -1,4 +1,4 @@
-"""Events: zeros of a function of the state that a run finds, records and acts on."""
+"""Events: zeros of a function of the state, which a run locates, records and applies."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .checks import check_names, shown
 @with_suggestions()
 @dataclass(frozen=True)
 class Event:
-    """A function g(t, u, v, p) whose zeros a run finds.
+    """A function g(t, u, v, p) whose zeros a run locates.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Event:
     terminal : bool
         Whether the run ends at the first occurrence. Its status is then TERMINATED.
     apply : jitted function, optional
-        What happens to the state: an impact, a latch. For one degree of freedom ``apply(t, u, v, p) -> (u, v)`` returns
+        The change of the state, such as an impact. For one degree of freedom ``apply(t, u, v, p) -> (u, v)`` returns
         the new state. For n degrees of freedom ``apply(t, u, v, p)`` writes it to u and v.
 
     Raises
@@ -39,17 +39,17 @@ class Event:
     Give a run its events by name, as in ``eig3.integrate(..., events={"impact": eig3.Event(height, direction=-1,
     apply=bounce)})``. ``solution.events["impact"]`` then has the occurrences.
 
-    The sign of g is compared at both ends of each step, and a zero is then found within the step. An even number of
-    zeros in one step is not seen: take a shorter step, or with tolerances h_max. A zero at the start is not an
-    occurrence, and neither is one exactly at the end of the span, because the sign has not changed there.
+    The run compares the signs of g at both ends of each step, and locates a zero within the step. It misses an even
+    number of zeros in one step: take a shorter step, or h_max with tolerances. A zero at the start is not an
+    occurrence. A zero exactly at the end of the span is not an occurrence either, because the sign has not changed.
 
-    Only the motion makes an event occur. If the `apply` of another event changes the sign of g, this is no occurrence:
-    from then on, g has its new sign. Of events at the same time, each `apply` gets the state that the one before it has
-    left. They occur in the order of the dictionary, unless round-off separates their times.
+    Only the motion causes an event. If the `apply` of another event changes the sign of g, this is not an occurrence,
+    and g has its new sign afterwards. Simultaneous events occur in the order of the dictionary, unless round-off
+    separates their times; each `apply` gets the state after the previous `apply`.
 
-    `apply` changes the state at one moment: it cannot hold a body on a stop against gravity, which needs a force. A
-    state that it leaves at a zero of g with a speed may go on to either side. Without a speed it rests there: if it is
-    then pushed to the side from which it did not come, the run ends with the status ZENO.
+    `apply` changes the state at an instant: it cannot hold a body on a stop against gravity, which needs a force. If
+    the new state is at a zero of g with a velocity, it may move to either side. Without a velocity it rests there: if
+    it is then pushed to the opposite side, the run ends with the status ZENO.
     """
 
     g: Any
@@ -72,11 +72,11 @@ class Occurrences:
     Attributes
     ----------
     t : ndarray, shape (k,)
-        Their times.
+        The times of the occurrences.
     u, v : ndarray, shape (k,) or (k, n)
-        The states there, before the event's `apply`.
+        The states before the `apply` of the event.
     u_after, v_after : ndarray, shape (k,) or (k, n)
-        The states after it; the same as u and v if the event has no `apply`.
+        The states after `apply`; the same as u and v if the event has no `apply`.
     """
 
     t: np.ndarray

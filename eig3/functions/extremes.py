@@ -4,14 +4,14 @@ from typing import Any, NamedTuple
 
 
 class Extremes(NamedTuple):
-    """The extremes of an invariant or an output over a run, whatever is saved, and when they occurred.
+    """The extremes of an invariant or an output over a run, independent of the saved states, and their times.
 
-    With a fixed step, and in an ensemble, they are those over the ends of all steps and the states before and after
-    events. Between these, the peak A of a sine of angular frequency omega is higher by up to A (omega h)^2 / 8.
+    With a fixed step, and in an ensemble, the extremes are taken over the ends of all steps and the states before and
+    after events. Between these, the peak A of a sine of angular frequency omega is higher by up to A (omega h)^2 / 8.
 
-    With tolerances, they are those of the motion: a value that is smooth within a step has extremes whose error is of
-    the size of the run's. Where it has a kink, such as abs(u) at u = 0, its extreme is that of samples: the start, the
-    end and some points of the step, their number by the order of the method.
+    With tolerances, the extremes are found within the steps too: for a smooth value, their error has the size of the
+    error of the run. Where the value has a kink, such as abs(u) at u = 0, the extreme is taken over samples: the start,
+    the end and some points of the step, whose number depends on the order of the method.
 
     Attributes
     ----------

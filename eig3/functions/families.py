@@ -1,4 +1,4 @@
-"""Families of callbacks: functions that differ in one number only, and are compiled once."""
+"""Families of callbacks: functions that differ only in one number, and are compiled once."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .callbacks import Callback, compile_present, is_present, jit, reads_time, r
 class Family:
     """The members of a function ``f(k, t, u, v, p)``: for each k a callback ``f_k(t, u, v, p)``.
 
-    A kernel calls f itself with the number k of the member, a float: a family of any size takes one compilation.
+    A kernel calls f with the number k of the member as a float: a family of any size needs one compilation.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Family:
     Attributes
     ----------
     members : list of jitted functions
-        They can be called from Python and from compiled functions too. Only such a call compiles them.
+        They can also be called from Python and from compiled functions. Only such a call compiles them.
     """
 
     def __init__(self, function: Jitted, count: int) -> None:

@@ -1,7 +1,7 @@
-"""Arrays between guard cells, and the evaluation of a right-hand side there, which must stay within its arrays.
+"""Arrays between guard cells, to detect a right-hand side that reads or writes out of bounds.
 
-Numba does not check indices. Each array therefore has cells with the value NaN before and after it. A value that is
-read there makes the result NaN, and a value that is written there is found after the evaluation.
+Numba does not check indices. Each array therefore has cells with the value NaN before and after it. Reading a cell
+makes the result NaN; writing to a cell is detected after the evaluation.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def beyond(inside: np.ndarray) -> bool:
 
 
 def are_untouched(cells: np.ndarray) -> bool:
-    """Return whether guard cells, which were NaN, still are."""
+    """Return whether guard cells are still NaN."""
     return bool(np.isnan(cells).all())
 
 
@@ -92,7 +92,7 @@ def is_finite_at_start(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: n
 
 
 def not_finite_at_start(a: Any) -> str:
-    """Say that the acceleration at the start, a float or an array of shape (n,), is not finite."""
+    """Return the message that the acceleration at the start, a float or an array of shape (n,), is not finite."""
     return f"{_not_finite(a)}; it must give a finite acceleration for every degree of freedom, a[j] in the vector form."
 
 
@@ -121,7 +121,8 @@ def written_beyond(n: int) -> ValueError:
 def _read_beyond(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> list[str]:
     """Return the names of the arrays beyond which rhs reads.
 
-    The result is finite if the cells of all arrays are zero, but not if the cells of one of these arrays are NaN.
+    For such an array, the result is finite if the cells of all arrays are zero, but not if the cells of this array are
+    NaN.
     """
     names = ["p"] if form is SCALAR else ["p", "u", "v"]
     given = {"p": p, "u": u, "v": v}

@@ -13,7 +13,7 @@ from ..kernels.protocol import Form
 from .callbacks import check_callback, compile_for_own_arrays
 from .quantities import Quantity
 
-# The references are weak, so that a program that makes many functions does not keep all of them in memory.
+# The references are weak, to free the memory of functions that are no longer used.
 _inlined: WeakKeyDictionary[Any, dict[tuple, tuple[tuple, Callable]]] = WeakKeyDictionary()
 _present: WeakKeyDictionary[Any, dict[tuple[str, str], tuple[Any, Any]]] = WeakKeyDictionary()
 
@@ -23,8 +23,8 @@ def inlined(
 ) -> Callable:
     """Return the kernel that ``make(rhs, jacobian, quantities=...)`` compiles.
 
-    `key` tells it from the other kernels of rhs. `make` gets a pair of a function and its number of values for each of
-    the quantities; the number is 0 for a function that returns its only value.
+    `key` identifies the kernel among the kernels of rhs. `make` gets a pair of a function and its number of values for
+    each quantity; the number is 0 for a function that returns its only value.
     """
     asked = [(rhs, "rhs"), *([(jacobian, "jacobian")] if jacobian else [])]
     asked += [(quantity.function, quantity.kind) for quantity in quantities]
@@ -42,10 +42,10 @@ def inlined(
 
 
 def _as_compiled(function: Any, kind: str, form: Form) -> Any:
-    """Return a jitted function that inlines what `check_callback` has compiled.
+    """Return a jitted function that inlines the function compiled by `check_callback`.
 
-    Numba keeps each element of a kernel for the types of its arguments, and the type of a jitted function stays the
-    same when the function is compiled anew. A copy of the function has a type of its own.
+    Numba caches each part of a kernel by the types of its arguments, and a recompiled function keeps its type. A copy
+    of the function has another type.
     """
     compiled = check_callback(function, kind, form).compiled
     known = _present.setdefault(function, {})

@@ -1,8 +1,8 @@
-"""How parameters with names are kept in the array p of a kernel, and functions that read them there.
+"""The layout of named parameters in the array p of a kernel, and the binding of functions that read them.
 
-From a function that reads p by names, `Layout.bind` makes one that a kernel can call. It hands over views of p, which
-costs nothing. The sizes of the arrays are in front of the values: a function is compiled for the names and the kinds of
-the values, and not for their sizes.
+From a function that reads p by names, `Layout.bind` makes a function that a kernel can call. It passes views of p, at
+no cost. The sizes of arrays are stored before the values: a function is compiled for the names and the kinds of the
+values, and not for their sizes.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _MOST_NAMES = 8  # in an error
 
 
 class Kind(NamedTuple):
-    """What a parameter is.
+    """The kind of a parameter.
 
     Attributes
     ----------
     is_whole : bool
         Whether its values are integers.
     ndim : int
-        The number of axes; -1 for a sparse matrix, and -2 for one of blocks.
+        The number of axes; -1 for a sparse matrix, and -2 for a sparse matrix of blocks.
     """
 
     is_whole: bool
@@ -44,7 +44,7 @@ class Kind(NamedTuple):
 
     @property
     def n_sizes(self) -> int:
-        """How many sizes are in front of the values: rows, columns, entries and edges of a sparse matrix."""
+        """The number of sizes before the values: rows, columns, entries and block size of a sparse matrix."""
         return 2 - self.ndim if self.ndim < 0 else self.ndim
 
     @property
@@ -75,7 +75,7 @@ class Layout:
 
     @property
     def text(self) -> str:
-        """The layout in one line, such as "k=real, tags=whole1, K=sparse": the number is that of the axes."""
+        """The layout in one line, such as "k=real, tags=whole1, K=sparse", with the number of axes."""
         return ", ".join(f"{name}={kind.text}" for name, kind in zip(self.names, self.kinds, strict=True))
 
     @classmethod
@@ -85,7 +85,7 @@ class Layout:
         Raises
         ------
         ValueError
-            If it is not one of a layout.
+            If the text is not from a layout.
         """
         pairs = [entry.split("=") for entry in text.split(", ")]
         known = {kind.text: kind for kind in _KINDS}
@@ -95,11 +95,11 @@ class Layout:
 
     @property
     def n_sizes(self) -> int:
-        """The number of sizes in front of the values."""
+        """The number of sizes before the values."""
         return sum(kind.n_sizes for kind in self.kinds)
 
     def places(self, values: Mapping[str, Any]) -> dict[str, slice]:
-        """Return where the values of each parameter are in the array p."""
+        """Return the slice of the values of each parameter in the array p."""
         begin, found = self.n_sizes, {}
         for name, kind in zip(self.names, self.kinds, strict=True):
             value = values[name]
@@ -124,19 +124,20 @@ class Layout:
         return np.concatenate([np.array(sizes, dtype=np.float64), *parts], dtype=np.float64)
 
     def read(self, p: np.ndarray) -> Any:
-        """Return the parameters in an array p of the kernels as functions get them, as a named tuple."""
+        """Return the parameters in an array p of the kernels as a named tuple, as functions get them."""
         text = "\n    ".join(["def read(p):", *self._views("p"), f"return {self._tuple}", ""])
         return define(text, "named", self._names)["read"](p)
 
     def bind(self, function: Any) -> Any:
         """Return a jitted function of the array p that calls `function` with the named parameters.
 
-        It is the same object at each call. What is no jitted function, and what is bound already, is returned as it is.
+        It is the same object at each call. Bound functions, and objects that are not jitted functions, are returned
+        unchanged.
 
         Raises
         ------
         TypeError
-            If the function reads a name that is not among those of the parameters.
+            If the function reads a name that no parameter has.
         """
         if isinstance(function, EnergyLessWork):
             return function._replace(energy=self.bind(function.energy))
@@ -152,7 +153,7 @@ class Layout:
         return known[self]
 
     def bind_all(self, functions: Any) -> Any:
-        """Return a dictionary of bound functions; what is no dictionary is returned as it is."""
+        """Return a dictionary of bound functions; other objects are returned unchanged."""
         if not isinstance(functions, Mapping):
             return functions
         return {name: self.bind(function) for name, function in functions.items()}
@@ -165,7 +166,7 @@ class Layout:
     def _bound(self, function: Any) -> Any:
         arguments = list(inspect.signature(function.py_func).parameters)
         if len(arguments) <= PLACE_OF_P:
-            return function  # its check says which arguments it must have
+            return function  # a later check names the arguments that it must have
         p = arguments[PLACE_OF_P]
         for name in attributes_of(function, PLACE_OF_P):
             if name not in self.names:
@@ -175,8 +176,8 @@ class Layout:
         text = "\n    ".join([*lines, f"return function_of_names({', '.join(given)})", ""])
         names = {**self._names, "function_of_names": function, "__name__": function.py_func.__module__}
         defined = define(text, "named", names)[function.__name__]
-        defined.__wrapped__ = function.py_func  # so that checks and errors are about the user's arguments
-        defined.named, defined.layout = function, self  # these travel with the Python function to other processes
+        defined.__wrapped__ = function.py_func  # checks and errors then show the arguments of the user
+        defined.named, defined.layout = function, self  # these are pickled with the Python function
         return jit(defined)
 
     @property
@@ -186,11 +187,11 @@ class Layout:
 
     @property
     def _names(self) -> dict[str, Any]:
-        """The globals of the lines that take each parameter out of p."""
+        """The globals of the lines that read each parameter from p."""
         return {"np": np, "Named": _tuple_of(self.names), "Sparse": Sparse}
 
     def _views(self, p: str) -> list[str]:
-        """Return the lines that take each parameter out of p, as value_k: they read its sizes, and find its place."""
+        """Return the lines that read each parameter from p as value_k: its sizes, and its place."""
         lines, size = [f"begin_0 = {self.n_sizes}"], 0
         for k, kind in enumerate(self.kinds):
             lines += [f"size_{k}_{i} = int({p}[{size + i}])" for i in range(kind.n_sizes)]
@@ -207,7 +208,7 @@ class Layout:
         return lines
 
     def _values(self, k: int, kind: Kind, p: str) -> list[str]:
-        """Return the lines that take a parameter out of p, as value_k."""
+        """Return the lines that read a parameter from p as value_k."""
         if kind.ndim == 0:
             return [f"value_{k} = {f'int({p}[begin_{k}])' if kind.is_whole else f'{p}[begin_{k}]'}"]
         if kind.ndim < 0:
@@ -223,7 +224,7 @@ class Layout:
         return [f"value_{k} = {value}" + (f".reshape(({shape}))" if kind.ndim > 1 else "")]
 
 
-# The references are weak, so that a program that makes many functions does not keep all of them in memory.
+# The references are weak, to free the memory of functions that are no longer used.
 _bound: WeakKeyDictionary[Any, dict[Layout, Any]] = WeakKeyDictionary()
 
 
@@ -235,7 +236,7 @@ def bound_layout(function: Any) -> Layout | None:
 def unknown_name(
     said: str, name: str, names: Sequence[str], error: Callable[[str], Exception] = TypeError
 ) -> Exception:
-    """Return the error of a name that is not among the names, with those that are like it, or else the first ones."""
+    """Return the error for an unknown name, with similar names, or otherwise the first names."""
     near = get_close_matches(name, names, cutoff=0.5) or [*names]
     others = [f"one of {len(near) - _MOST_NAMES} others"] * (len(near) > _MOST_NAMES)
     return error(f"{said} no {name}: did you mean {' or '.join([*near[:_MOST_NAMES], *others])}?")
@@ -243,12 +244,12 @@ def unknown_name(
 
 @functools.cache
 def _tuple_of(names: tuple[str, ...]) -> Any:
-    """Return the class of the tuple that functions get: the same for the same names, so that Numba knows it."""
+    """Return the class of the tuple that functions get: the same class for the same names, which Numba requires."""
     return namedtuple("Parameters", names)
 
 
 def _parts(matrix: Sparse) -> list[np.ndarray]:
-    """Return the arrays of a sparse matrix as float64. Two columns are in one number, for the sake of speed."""
+    """Return the arrays of a sparse matrix as float64. One number stores two column indices, for speed."""
     columns = np.zeros(matrix.indices.size + matrix.indices.size % 2, dtype=np.int32)
     columns[: matrix.indices.size] = matrix.indices
     return [matrix.data.ravel(), columns.view(np.float64), _bits(matrix.indptr)]

@@ -1,4 +1,4 @@
-"""Parameters with names: numbers, arrays and sparse matrices, which functions read as ``p.k``, ``p.K.data``, ..."""
+"""Named parameters: numbers, arrays and sparse matrices, which functions read as ``p.k``, ``p.K.data``, ..."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MOST_COLUMNS = 2**31  # the indices of columns have 32 bits
 
 
 class Parameters:
-    """Parameters with names, which cannot be changed.
+    """Immutable named parameters.
 
     ``p.k`` and ``p["k"]`` are the parameter k. `numpy.asarray` gives the array that kernels get. `Problem.params` has
     this type if the parameters have names.
@@ -23,7 +23,7 @@ class Parameters:
     Parameters
     ----------
     values : NamedTuple, or mapping of str
-        Numbers, integers, arrays of them with one or two axes, and sparse matrices of SciPy.
+        Numbers, integers, arrays of numbers with one or two axes, and sparse matrices of SciPy.
 
     Raises
     ------
@@ -68,7 +68,7 @@ class Parameters:
         return dict(self._values)
 
     def _replace(self, **changes: Any) -> Parameters:
-        """Return parameters with some other values, of the same kinds."""
+        """Return parameters with some values replaced, of the same kinds."""
         for name in changes:
             if name not in self._values:
                 raise unknown_name("params has", name, self.layout.names)
@@ -94,19 +94,19 @@ def has_names(params: Any) -> bool:
 
 
 def named(params: Any) -> Any:
-    """Return `Parameters` for parameters with names; return others as they are."""
+    """Return `Parameters` for named parameters; return other parameters unchanged."""
     if isinstance(params, Mapping) and not params:
         return ()
     return Parameters(params) if has_names(params) and not isinstance(params, Parameters) else params
 
 
 def in_layout(layout: Layout | None, params: Any) -> Any:
-    """Return parameters for functions that are bound to a layout; None stands for functions of the array p.
+    """Return parameters for functions that are bound to a layout; None for functions of the array p.
 
     Raises
     ------
     TypeError, ValueError
-        If their names or kinds are others.
+        If the names or kinds differ from the layout.
     """
     params = named(params)
     if isinstance(params, Parameters) and params.layout == layout:

@@ -1,4 +1,4 @@
-"""Quantities: the invariants and outputs of a run, compiled functions that are evaluated along it."""
+"""Quantities: the invariants and outputs of a run, compiled functions evaluated along the run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .guard import beyond, guarded
 
 
 class EnergyLessWork(NamedTuple):
-    """An energy less the work, among the `invariants` of a problem that follows the work.
+    """An energy minus the work, as an entry of `invariants` in a problem that integrates the work.
 
     The velocity of the degree of freedom `work` is the work.
     """
@@ -50,7 +50,7 @@ class Functions(NamedTuple):
         return sum(k for shape in self.shapes.values() for k in shape or (1,))
 
     def work_in(self, name: str) -> int | None:
-        """The degree of freedom whose velocity is the work that an invariant takes away, or None."""
+        """The degree of freedom whose velocity is the work that an invariant subtracts, or None."""
         invariant = self.invariants[name]
         return invariant.work if isinstance(invariant, EnergyLessWork) else None
 
@@ -137,13 +137,13 @@ class Quantity:
         self.callback = check_callback(function, self.kind, form, name)
         try:
             np.empty(self.width)
-        except (MemoryError, ValueError):  # ValueError where no array can be so large
+        except (MemoryError, ValueError):  # ValueError if no array can be so large
             raise MemoryError(
                 f"{name} has {self.width:.3g} values, which do not fit into memory; take a smaller k."
             ) from None
 
     def at_start(self, t: float, u: Any, v: Any, p: np.ndarray, values: np.ndarray) -> None:
-        """Evaluate the function in the first state, and check that it writes its values; `values` has room for them.
+        """Evaluate the function in the first state into `values`, and check that it writes its values.
 
         Raises
         ------
@@ -153,7 +153,7 @@ class Quantity:
         if not self.shape:
             values[0] = self.callback.call(t, u, v, p)
             return
-        out = guarded(values)  # of this thread
+        out = guarded(values)  # private to this thread
         out.fill(np.nan)
         self.callback.call(t, u, v, p, out)
         self.check_within(out)
@@ -161,7 +161,7 @@ class Quantity:
         self._check_written(t, u, v, p, values)
 
     def _check_written(self, t: float, u: Any, v: Any, p: np.ndarray, values: np.ndarray) -> None:
-        """Raise a ValueError if the function has left one of its values NaN which it does not write."""
+        """Raise a ValueError if the function does not write one of its values."""
         if not np.isnan(values).any():
             return
         out = np.zeros(self.width)  # a value that the function computes may be NaN too

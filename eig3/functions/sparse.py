@@ -1,4 +1,4 @@
-"""A sparse matrix among parameters with names."""
+"""A sparse matrix as a named parameter."""
 
 from typing import Any, NamedTuple
 
@@ -7,8 +7,8 @@ class Sparse(NamedTuple):
     """A sparse matrix in compressed rows, as functions get it.
 
     The entries of row i are ``data[k]`` in the columns ``indices[k]``, for k from ``indptr[i]`` to ``indptr[i + 1]``.
-    In a matrix of blocks, as `scipy.sparse.bsr_array` has them, rows, columns and entries are those of blocks:
-    ``data[k]`` is a block.
+    In a matrix of blocks, as a `scipy.sparse.bsr_array`, rows, columns and entries count blocks: ``data[k]`` is a
+    block.
 
     Attributes
     ----------
@@ -16,7 +16,7 @@ class Sparse(NamedTuple):
     indices : ndarray of int32, shape (entries,)
     indptr : ndarray of int64, shape (rows + 1,)
     shape : (int, int)
-        Rows and columns of the matrix, also of one of blocks.
+        Rows and columns of the matrix; in a matrix of blocks too, the entries of blocks are counted.
     """
 
     data: Any
@@ -31,7 +31,7 @@ class Sparse(NamedTuple):
 
 
 def is_of_scipy(value: Any) -> bool:
-    """Whether a value is a sparse matrix of SciPy, which need not be installed."""
+    """Whether a value is a sparse matrix of SciPy. SciPy is not imported."""
     return hasattr(value, "tocsr")
 
 

@@ -1,1 +1,1 @@
-"""Plans: which method and step reach an accuracy first, found by short runs."""
+"""Plans: the fastest method and its step for an accuracy, found by short runs."""

@@ -1,6 +1,6 @@
 """Pilot runs: runs of any method with a known error, over the span of a problem or over a part of it.
 
-Their time is bounded by the time of the processor, which the load of the machine does not change.
+Their processor time is bounded, which does not depend on the load of the machine.
 """
 
 from __future__ import annotations
@@ -26,32 +26,32 @@ from ..stepping.options import RunOptions
 from ..stepping.stepper import Stepper
 from ..stepping.system import System
 
-FEWEST = 61  # fewest steps of a run. A prime number: states at multiples of a period would hide an error of phase
-_STATES = 976  # most states at which two runs are compared, 16 times the fewest,
-_VALUES = 2**18  # or fewer, so that they have no more values than this
-_STEPS_PER_STATE = 16  # fewest steps from one of these states to the next, in a run of many steps
-_FOLLOWED = 2**22  # most values in the states of a run whose energy is followed
-_PIECES = 32  # of a run, after each of which it is checked,
-_PIECE = 512  # fewest steps of such a piece: the call takes as long as some ten steps
+FEWEST = 61  # least number of steps of a run, a prime: states at multiples of a period would hide a phase error
+_STATES = 976  # largest number of states at which two runs are compared, 16 times the least number,
+_VALUES = 2**18  # or fewer states, with at most this number of values
+_STEPS_PER_STATE = 16  # least number of steps between these states, in a run of many steps
+_FOLLOWED = 2**22  # largest number of values in the states of a run whose energy is computed
+_PIECES = 32  # pieces of a run, which is checked after each,
+_PIECE = 512  # with at least this number of steps: the call takes as long as some ten steps
 _DIVERGED = 100.0  # a motion that is larger than the reference by this factor is unstable
 _AT_REST = 1e-150  # a motion below this has decayed
 _SHORT = 0.005  # a run that takes less time, s, is repeated,
-_VERY_SHORT = 0.0005  # and more often if it takes less than this
+_VERY_SHORT = 0.0005  # and a shorter run more often
 _LONGEST_TIMED = 0.02  # longest run that measures the time of a step, s
-_IMPLICIT = 2  # fewest evaluations per step of an implicit method
-_CALL = 16  # an evaluation takes as long as for this number of degrees of freedom more in a long vector
-_LATEST = 10.0  # processor time, s, after which no run begins that could be left out
+_IMPLICIT = 2  # least number of evaluations per step of an implicit method
+_CALL = 16  # overhead of an evaluation, in degrees of freedom of a long vector
+_LATEST = 10.0  # processor time, s, after which no optional run begins
 _LONGEST_PIECE = 0.25  # time of a piece of a run, s
-CONVERGING = 0.2  # from a relative error above this, the error at a smaller step cannot be predicted
-_STILL = 1e-9  # a path below this part of the displacement is round-off: nothing has moved
-_REST = 1e-3  # an acceleration at the start below this part of that of the motion: the motion begins later
+CONVERGING = 0.2  # above this relative error, the error at a smaller step cannot be predicted
+_STILL = 1e-9  # a smaller path relative to the displacement is round-off: nothing has moved
+_REST = 1e-3  # with a smaller acceleration at the start, relative to the largest one, the motion begins later
 
 
 @dataclass(frozen=True)
 class History:
-    """What a run took, some of its states and, if the energy was followed, its largest change.
+    """The cost of a run, some of its states and, if computed, the largest change of the energy.
 
-    Of a run that was cut short, which is not whole, `seconds` and `n_rhs` are extrapolated.
+    If a run was stopped early, `seconds` and `n_rhs` are extrapolated.
     """
 
     seconds: float
@@ -76,10 +76,10 @@ class Run:
 class Pilots:
     """The pilot runs of all methods on one problem.
 
-    For the metric "energy", a run gives its error itself, from all its steps or, in a large system, many of them. For
-    "trajectory", the error is the difference from the exact motion where that is known, or else from the run that
-    `refer_to` sets, at states that both runs have: the numbers of steps are multiples of `FEWEST`. It is relative to
-    the largest displacement that is known, of the whole span after a survey.
+    For the metric "energy", the error of a run is its energy drift, over all steps or, in a large system, over many
+    steps. For "trajectory", the error is the difference from the exact motion if this is known, and otherwise from the
+    reference run set by `refer_to`, at common states: the numbers of steps are multiples of `FEWEST`. It is relative to
+    the largest known displacement, of the whole span after a survey.
 
     Attributes
     ----------
@@ -88,12 +88,12 @@ class Pilots:
         The error to reach.
     span : float
     part : float
-        The length of the time that is run, as a part of the span.
+        The length of the pilot runs as a fraction of the span.
     window : tuple of float
-        The beginning and the end of this time.
+        The beginning and the end of the pilot runs.
     needs_reference : bool
     compiling : float
-        The time that the compilation took, s.
+        The compilation time, s.
     """
 
     def __init__(self, problem: Problem, metric: str, aim: float) -> None:
@@ -106,8 +106,8 @@ class Pilots:
         self._compiled: set[tuple[Method, str]] = set()
         self._events = {name: event for name, event in problem.events.items() if event.apply is not None}
         self._survey: History | None = None
-        self._reference: np.ndarray | None = None  # the states of the best run, if they are what errors are measured by
-        self._growth: float | None = None  # the error over the whole span, relative to that in the window, if known
+        self._reference: np.ndarray | None = None  # the states of the reference run, if errors are relative to it
+        self._growth: float | None = None  # ratio of the errors over the whole span and in the window, if known
         self._largest = math.inf  # a motion that is larger is unstable
         self._sizes = -np.ones(2)  # the largest |u| and |v| of the motion; negative if none is known
         zeros = np.zeros(0 if self.needs_reference else len(problem.quadratures))
@@ -129,7 +129,7 @@ class Pilots:
 
     @property
     def left(self) -> float:
-        """The time of the processor that is left for runs, s."""
+        """The processor time that is left for runs, s."""
         return _LATEST - (time.thread_time() - self._busy_before)
 
     @property
@@ -138,12 +138,12 @@ class Pilots:
         return max(self.window[1], self.problem.t_span[0] if self._survey is None else float(self._survey.t[-1]))
 
     def evaluations(self, method: Method) -> int:
-        """The evaluations in a step, at least."""
+        """The least number of evaluations in a step."""
         running = method.for_force(self.problem.uses_velocity, np.size(self.problem.u0))
         return running.evaluations or _IMPLICIT
 
     def fewest(self, method: Method) -> float:
-        """The steps over the whole span with which the encounters of points are stable, which runs may not show."""
+        """The steps over the whole span for stable collisions of points, which the runs may not contain."""
         try:
             return 0.0 if self._ahead is None else self.span / of_encounters(self._ahead, method).h
         except NoCriticalStepError:
@@ -158,27 +158,27 @@ class Pilots:
         return n_steps * self.evaluations(method) * (_CALL + np.size(self.problem.u0))
 
     def predicted(self, method: Method, n_steps: float) -> float:
-        """The processor time of a run, s, by that of the method's last run, or else by a run of one step."""
+        """The processor time of a run, s, predicted from the last run of the method or from a run of one step."""
         if method not in self._paces:
             self._compile(method, "h", lambda: self._advance(method, 1e-9 * self.span, 1, 1))
             self._advance(method, 1e-9 * self.span, 1, 1)
         return n_steps * self._paces[method]
 
     def refer_to(self, history: History) -> None:
-        """Let the error of each run be its difference from this one, or from the exact motion where that is known."""
+        """Set the reference for the errors of runs; the exact motion is used instead if it is known."""
         exact = self.problem.exact if self.window[0] == self.problem.t_span[0] else None
         self._reference = exact(history.t)[0] if exact else history.u
         self.note_sizes(history)
 
     def note_sizes(self, history: History) -> None:
-        """Let errors be relative to the displacements of this run, or of the whole span if they are larger."""
+        """Make errors relative to the displacements of this run, or of the whole span if they are larger."""
         if self.part == 1:
             self._survey = history
         known = 0.0 if self._survey is None else self._sizes_of(self._survey)
         self._sizes = np.maximum(self._sizes_of(history), known)
 
     def trust(self) -> None:
-        """Take the reference for right: a run with a much larger motion is then unstable."""
+        """Trust the reference: a run with a much larger motion then counts as unstable."""
         self._largest = math.inf if math.isnan(self._size) else _DIVERGED * self._size
 
     @property
@@ -187,7 +187,7 @@ class Pilots:
         return self._survey is not None
 
     def states(self, count: int, h: float) -> Iterator[tuple[float, Any, Any, float]]:
-        """Return some states of the whole span, if they are known, each with the step h."""
+        """Return some known states of the whole span, each with the step h."""
         survey = self._survey
         if survey is None:
             return
@@ -200,15 +200,15 @@ class Pilots:
         return self._stepper(EIG3(), self.span).acceleration
 
     def forget_survey(self) -> None:
-        """Forget the states of runs of the whole span, because they are unstable."""
+        """Discard the states of runs of the whole span, because they are unstable."""
         if self.part == 1:
             self._survey = None
 
     def calibrate(self, method: Method, whole: Run) -> None:
-        """Find how much larger an error is over the whole span than in the window, from runs with the same steps.
+        """Find the ratio of an error over the whole span to the error in the window, from runs with the same steps.
 
-        `whole` is a run of the whole span. Where this cannot be done, errors grow with the power of time that they show
-        within the window.
+        `whole` is a run of the whole span. If this is not possible, errors are extrapolated with the power of time that
+        they show within the window.
         """
         n_steps = round(whole.n_steps * self.part)
         if n_steps < FEWEST or n_steps != whole.n_steps * self.part or not whole.error < CONVERGING:
@@ -222,7 +222,7 @@ class Pilots:
             self._growth = max(1.0, whole.error / error)
 
     def look_at(self, part: float) -> None:
-        """Let the next runs cover a part of the span: after a survey, the one in which the motion is fastest."""
+        """Restrict the next runs to a part of the span: after a survey, to the part with the fastest motion."""
         t0, u0, v0 = self.problem.t_span[0], *self._at_start
         if part < 1 and self._survey is not None:
             survey = self._survey
@@ -250,7 +250,7 @@ class Pilots:
         if history is None:
             return Run(n_steps, math.inf)
         run = self.judged(n_steps, history)
-        # Following the energy takes time, and what else the machine does may take longer than a short run.
+        # Computing the energy takes time, and other processes may take longer than a short run.
         if self._energy or history.seconds < _SHORT:
             for _ in range(4 if history.seconds < _VERY_SHORT else 1):
                 again = self._advance(method, self.part * self.span / n_steps, n_steps, n_steps)
@@ -258,9 +258,9 @@ class Pilots:
         return run
 
     def history(self, method: Method, n_steps: int, longest: float = math.inf) -> History | None:
-        """Run a method over the part of the span, and follow what gives the error; None if the run diverges.
+        """Run a method over the part of the span, and collect the data for its error; None if the run diverges.
 
-        The run ends after `longest` seconds of the processor, wherever it is then.
+        The run stops after `longest` seconds of processor time.
         """
         self._compile(method, "h", lambda: self._advance(method, 1e-9 * self.span, 1, 1))
         h = self.part * self.span / n_steps
@@ -281,7 +281,7 @@ class Pilots:
         if not solution.success:
             return solution.message
         drift = solution.drift["energy"] / abs(self._start_energy) if self._energy else 0.0
-        n_rhs = self.evaluations(method) * (solution.n_steps + solution.n_rejected)  # without those for t_eval
+        n_rhs = self.evaluations(method) * (solution.n_steps + solution.n_rejected)  # without evaluations for t_eval
         history = History(solution.kernel_seconds, n_rhs, solution.t, solution.u, solution.v, drift, True)
         return self.judged(solution.n_steps, history)
 
@@ -293,7 +293,7 @@ class Pilots:
 
     @property
     def sizes(self) -> tuple[float, float] | None:
-        """The sizes of u and v, if the motion starts from rest and does not show them there; otherwise None."""
+        """The sizes of u and v if the motion starts from rest, and they are unknown at the start; otherwise None."""
         u, v = self._sizes.tolist()
         if np.any(self._motion(self._at_start[1])) or u <= 0:
             return None
@@ -301,7 +301,7 @@ class Pilots:
 
     @property
     def h_max(self) -> float | None:
-        """The longest step of a motion from rest: the time between the states of the whole span that are compared."""
+        """The longest step of a motion from rest: the time between the compared states of the whole span."""
         return None if self.sizes is None else self.span / self._states
 
     def time_of_a_step(self, method: Method, total: int, pace: float) -> float:
@@ -327,9 +327,9 @@ class Pilots:
     def _advance(
         self, method: Method, h: float, n_steps: int, every: int, longest: float = math.inf, *, follow: bool = False
     ) -> History | None:
-        """Run in several pieces, and stop as soon as the run has diverged or taken `longest` seconds of the processor.
+        """Run in pieces, and stop once the run has diverged or taken `longest` seconds of processor time.
 
-        Each `every`-th state is kept. With `follow`, its energy is followed, and the last state of each piece is kept.
+        Each `every`-th state is kept. With `follow`, the energy is computed, and the last state of each piece is kept.
         """
         stepper = self._stepper(method, h)
         if math.isnan(self._first_acceleration):
@@ -369,7 +369,7 @@ class Pilots:
 
     @property
     def _size(self) -> float:
-        """The displacement to which errors are relative; infinite if none is known, and NaN if nothing has moved."""
+        """The displacement that scales the errors; infinite if it is unknown, and NaN if nothing has moved."""
         u, v = self._sizes
         if u < 0:
             return math.inf
@@ -377,7 +377,7 @@ class Pilots:
         return float(u) if v * self.span > _STILL * u else math.nan
 
     def _stepper(self, method: Method, h: float) -> Stepper:
-        """Return a stepper at the start, which follows the events that change the motion."""
+        """Return a stepper at the start, with the events that change the motion."""
         t0 = self.window[0]
         options: dict[str, Any] = {"h": h, "t0": t0, "params": self.problem.params, "method": method}
         if not self._events:
@@ -389,7 +389,7 @@ class Pilots:
     def _solve(
         self, method: Method, rtol: float, most: int, *, follow: bool = False, every: int | None = None
     ) -> Solution:
-        """Run with tolerances over the part of the span; with `follow`, keep what gives the error."""
+        """Run with tolerances over the part of the span; with `follow`, keep the data for the error."""
         options: dict[str, Any] = {"save_every": every, "events": self._events}
         options |= tolerances(rtol, self.sizes, self.h_max)
         if follow and self.needs_reference:
@@ -429,7 +429,7 @@ class Pilots:
         return float(changes.max(initial=0.0)) / abs(self._start_energy)
 
     def _error(self, history: History) -> tuple[float, float]:
-        """The error within the window, and the power of time with which it grows."""
+        """The error within the window, and the exponent of its growth with time."""
         if not self.needs_reference:
             return history.drift, 1.0
         assert self._reference is not None
@@ -442,13 +442,13 @@ class Pilots:
 
 
 def save_every(problem: Problem, n_steps: int) -> int:
-    """The `save_every` with which a run keeps about 2000 states, or fewer of a large system."""
+    """The `save_every` for about 2000 saved states, or fewer for a large system."""
     most = min(2048, max(64, _VALUES // np.size(problem.u0)))
     return 2 ** max(0, (n_steps // most).bit_length() - 1)
 
 
 def tolerances(rtol: float, sizes: tuple[float, float] | None, h_max: float | None) -> dict[str, Any]:
-    """The arguments of `Problem.integrate` for errors relative to the sizes of u and v, or to those so far if None."""
+    """The arguments of `Problem.integrate` for errors relative to the sizes of u and v, or to the sizes so far."""
     if sizes is None:
         return {"rtol": rtol}
     return {"rtol": rtol, "atol": rtol * np.array(sizes)[:, None], "h_max": h_max}

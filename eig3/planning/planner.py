@@ -1,4 +1,4 @@
-"""Find by short pilot runs which method reaches a given accuracy first, and with which step or tolerance."""
+"""Find the fastest method for a given accuracy, and its step or tolerance, by short pilot runs."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from .pilots import Pilots, save_every, tolerances
 from .search import NO_TIME, SCOUT, Search, guide
 from .tolerance_search import VARIABLE, ToleranceSearch
 
-EXTRAPOLATED = "extrapolated from longer steps"  # the note of a prediction that is rougher than the others
+EXTRAPOLATED = "extrapolated from longer steps"  # the note of a less accurate prediction
 _HIGH = tuple(f"eig{grade}" for grade in (8, 9, 10, 11, 12, 13, 7, 6))
-#: The order in which the methods of the library are tried: a good method found early shortens the runs of the others.
+#: The order in which the methods are tried: a good method found early shortens the runs of the others.
 _FIRST = ("eig5", "eig4", "eig3", "cd", "bm6", "rk8", "rkn12", *_HIGH, "rk5", "rk4")
-_WEAK_ORDERS = (5, 6, 9, 10)  # without damping, EIG methods of these orders have no limit, but grow at every step
-#: Aim for this fraction of the accuracy. The error of the trajectory is measured at some states, the energy's at more.
+_WEAK_ORDERS = (5, 6, 9, 10)  # without damping, EIG methods of these orders grow at every step
+#: Aim for this fraction of the accuracy. The trajectory error is measured at fewer states than the energy error.
 _AIM = {"trajectory": 0.75, "energy": 0.9}
-_SECONDS = 0.8  # time after which no method is tried any more,
+_SECONDS = 0.8  # time after which no further method is tried,
 _LEAST_SECONDS = 0.4  # or this time after the reference has been found,
-_RUNS = 4  # or as long as this number of runs takes; in any case until the pilot runs have no time left
-_WORK = 2**24  # work that the runs of a method named by the user may do in any case
+_RUNS = 4  # or the time of this number of runs; in any case, within the time limit of the pilot runs
+_WORK = 2**24  # work that is always allowed for a method named by the user
 _TIMED_SECONDS = 0.2  # time of the last comparison,
-_TIMED_RUNS = 3, 15  # and the fewest and most runs of each method in it
-_SLOW = 2.0  # a method that takes this multiple of the best time is given up
-_HOPELESS = 4.0  # a method of no higher order and no fewer evaluations is at most this many times as fast
+_TIMED_RUNS = 3, 15  # and the least and largest number of runs of each method in it
+_SLOW = 2.0  # a method that takes this multiple of the best time is abandoned
+_HOPELESS = 4.0  # a method of no higher order and no fewer evaluations is at most faster by this factor
 _CLOSE = 1.6  # methods predicted to take at most this multiple of the shortest time are timed
 _RULED_OUT = "ruled out: "
 AnySearch = Search | ToleranceSearch
@@ -47,23 +47,23 @@ class Prediction:
     ----------
     method : Method
     h : float
-        The step, or with tolerances the mean of the steps; NaN if none is known to reach the accuracy.
+        The step, or with tolerances the mean step; NaN if no step is known to reach the accuracy.
     n_steps, evaluations : int
         Number of steps and of evaluations of the right-hand side over the whole span.
     seconds : float
         Time in the kernel over the whole span.
     error : float
-        The error expected.
+        The expected error.
     note : str
-        Why the accuracy is not reached, why the method was ruled out, or what limits the step; otherwise empty. A
-        method that was ruled out before it ran has no step.
+        The reason why the accuracy is not reached or the method was ruled out, or the limit of the step; otherwise
+        empty. A method that was ruled out before it ran has no step.
     rtol : float or None
         The tolerance; None for a fixed step, and NaN if no tolerance is known to reach the accuracy.
     sizes : tuple of float or None
-        With tolerances, for a motion that starts from rest: the sizes of u and of v later on. `options` has atol, which
-        is rtol times these: the motion at the start does not tell what its error may be.
+        With tolerances, for a motion that starts from rest: the later sizes of u and of v. `options` then has atol,
+        which is rtol times these sizes, because the motion at the start gives no scale for the error.
     h_max : float or None
-        The longest step for such a motion, which would otherwise step over a load that begins later.
+        The longest step for such a motion; longer steps could skip a load that begins later.
     """
 
     method: Method
@@ -109,10 +109,9 @@ class Plan:
     metric : {"trajectory", "energy"}
     predictions : tuple of Prediction
     pilot_seconds : float
-        Time that the pilot runs and their comparison took, without compilation.
+        Time of the pilot runs and their comparison, without compilation.
     compile_seconds : float
-        Time that the compilation of methods took which no run on this machine had used before, and the loading of the
-        others.
+        Time for compiling methods that no run on this machine had used before, and for loading the others.
     window : tuple of float
         The beginning and the end of the pilot runs: the whole span, or the part of it in which the motion is fastest.
     seen : float
@@ -148,8 +147,8 @@ class Plan:
     def run(self, **options: Any) -> Solution:
         """Integrate with the method of `best`, and with its step or tolerance.
 
-        `options` are those of `Problem.integrate`. By default about 2000 states are kept, fewer for a large system, and
-        the energy is computed only if it is the metric.
+        `options` are options of `Problem.integrate`. By default about 2000 states are kept, fewer for a large system,
+        and the energy is computed only if it is the metric.
         """
         best = self.best
         if options.get("t_eval") is None:
@@ -178,11 +177,11 @@ class Plan:
 
     @property
     def _extent(self) -> list[str]:
-        """Say which part of the span the pilot runs have seen, if it is not the whole."""
+        """Return a line about the part of the span of the pilot runs, if it is not the whole span."""
         begin, end = self.window
         if (begin, end) == tuple(self.problem.t_span):
             return []
-        later = f"; what follows t = {self.seen:g} is not known" if self.seen < self.problem.t_span[1] else ""
+        later = f"; the motion after t = {self.seen:g} is not known" if self.seen < self.problem.t_span[1] else ""
         return [f"  The pilot runs are from t = {begin:g} to {end:g}, and errors are extrapolated{later}."]
 
 
@@ -200,15 +199,15 @@ def plan(
     Parameters
     ----------
     problem : Problem
-        Its events with `apply` are followed. A terminal event is refused.
+        The pilot runs apply events with `apply`. A terminal event raises an error.
     accuracy : float
         The largest relative error to allow, above 0 and below 1.
     metric : {"trajectory", "energy"}
         The error is max |u - u(t)| / max |u| over all degrees of freedom for "trajectory", and max |E - E0| / |E0| for
         "energy". For "trajectory", all degrees of freedom should have the same unit or be scaled.
     methods : sequence of str or Method, optional
-        The methods to compare. Each of them gets a prediction, and RK5, RK8 and RKN12 a second one with tolerances. If
-        None, all methods of the library are compared, and those that cannot be the fastest are ruled out.
+        The methods to compare. Each method gets a prediction, and RK5, RK8 and RKN12 a second prediction with
+        tolerances. By default all methods are compared, and methods that cannot be the fastest are ruled out.
 
     Returns
     -------
@@ -219,7 +218,7 @@ def plan(
     TypeError, ValueError
         If an argument is not valid.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` is the pilot run up to then; None between two of them.
+        After Ctrl-C. Its attribute `solution` is the interrupted pilot run; None between two runs.
 
     Notes
     -----
@@ -256,7 +255,7 @@ def plan(
         raise ValueError("methods must name at least one method.")
     for method in records:
         if method.is_stochastic:
-            raise ValueError(f"methods must add no random numbers, and {method!r} does: its path has no exact one.")
+            raise ValueError(f"methods must be deterministic, and {method!r} adds random numbers: leave it out.")
     pilots = Pilots(problem, metric, _AIM[metric] * accuracy)
     first = guide(pilots)
     if isinstance(first, str):
@@ -278,7 +277,7 @@ def plan(
 
 
 def _stiffness(pilots: Pilots, best: Prediction) -> str:
-    """Describe a motion that is stiff for the fastest method; empty if it is not, or if it takes few steps."""
+    """Describe a motion that is stiff for the fastest method; empty if it is not stiff, or takes few steps."""
     if best.n_steps < MANY_STEPS or not pilots.problem.uses_velocity:
         return ""
     states = pilots.states(STATES, best.h)
@@ -330,7 +329,7 @@ def _choose(first: Search, records: list[Method]) -> list[Prediction]:
 def _in_order(first: Search, records: list[Method]) -> list[AnySearch]:
     """The searches in the order in which they run: a good method found early shortens the runs of the others.
 
-    Where stability limits the step, tolerances do not lengthen it, and methods of few evaluations come first.
+    If stability limits the step, tolerances do not lengthen it, and methods with few evaluations come first.
     """
     pilots = first.pilots
     fixed: list[AnySearch] = [first if method == first.method else Search(pilots, method) for method in records]
@@ -341,13 +340,13 @@ def _in_order(first: Search, records: list[Method]) -> list[AnySearch]:
 
 
 def _ruled_out(method: Method, tried: Sequence[Search], best: AnySearch) -> str:
-    """Why the method cannot be the fastest; empty if it may be."""
+    """The reason why the method cannot be the fastest; empty if it may be the fastest."""
     for search in tried:
         other = search.method
         if search.is_limited:
             graded = isinstance(method, EIG) and isinstance(other, EIG) and other.order not in _WEAK_ORDERS
             if graded and other.order < method.order:
-                return f"stability limits its step more than that of {other.label}"
+                return f"stability limits its step more than the step of {other.label}"
         elif search.follows_order and method.order <= other.order:
             factor = search.seconds / best.seconds
             if factor > _HOPELESS and search.pilots.evaluations(method) >= search.evaluations:
@@ -356,7 +355,7 @@ def _ruled_out(method: Method, tried: Sequence[Search], best: AnySearch) -> str:
 
 
 def _predict_each(first: Search, records: list[Method]) -> list[Prediction]:
-    """A prediction for every method, from the runs that its share of the time allows."""
+    """A prediction for every method, from runs within its share of the time."""
     pilots = first.pilots
     searches: list[AnySearch] = []
     end = _end_of_search(first)
@@ -373,7 +372,7 @@ def _predict_each(first: Search, records: list[Method]) -> list[Prediction]:
 
 
 def _end_of_search(first: Search) -> float:
-    """The time of the pilot runs after which no other method is tried."""
+    """The time of the pilot runs after which no further method is tried."""
     pilots = first.pilots
     run = first.seconds * pilots.part if first.steps else 0.0
     return max(_SECONDS, pilots.spent + max(_LEAST_SECONDS, _RUNS * run))
@@ -384,7 +383,7 @@ def _seconds(search: AnySearch) -> float:
 
 
 def _timed(searches: Sequence[AnySearch]) -> list[Prediction]:
-    """The predictions of all methods. The times of the fastest are measured in turn."""
+    """The predictions of all methods. The fastest methods are timed alternately."""
     shortest = min((search.seconds for search in searches), default=math.inf)
     close = [search for search in searches if search.steps and search.seconds <= _CLOSE * shortest]
     paces: dict[AnySearch, list[float]] = {search: [] for search in close}

@@ -11,10 +11,10 @@ from .pilots import CONVERGING, FEWEST, History, Pilots, Run
 
 NO_TIME = "no time was left to try it"
 GUIDE = RK8()
-SCOUT = EIG3()  # of the methods of one evaluation the one with the longest stable step
-_AGREEMENT = 0.25  # two runs that differ by this fraction of the accuracy give a reference
+SCOUT = EIG3()  # among methods with one evaluation, it has the longest stable step
+_AGREEMENT = 0.25  # two runs whose difference is within this fraction of the accuracy give a reference
 _AGREEMENT_AT_MOST = 0.05  # runs with a larger relative difference may both be wrong
-#: Where a reference is looked for: the part of the span, the method, and the time that its runs may take, s.
+#: The trials for a reference: the part of the span, the method, and the time limit of its runs, s.
 _TRIALS = (
     (1.0, GUIDE, 0.3),
     (1.0, SCOUT, 4.0),
@@ -24,32 +24,32 @@ _TRIALS = (
     (1 / 256, SCOUT, 0.5),
     (1 / 4096, GUIDE, 0.5),
 )
-_GUIDE_WORK = 2**26  # the work that the runs of one trial may do in any case
+_GUIDE_WORK = 2**26  # the work that is always allowed for one trial
 _SURVEY_SECONDS = 5.0  # longest processor time of a run that surveys the whole span,
-_UNSTABLE_SECONDS = 1.0  # and of the runs before it that turn out to be unstable
-_MOST_RUNS = 24  # of a method
+_UNSTABLE_SECONDS = 1.0  # and of the unstable runs before it
+_MOST_RUNS = 24  # runs of a method
 _NEAR = 1.06  # the longest step is found to this factor,
 _ENOUGH = 0.7  # or until the error is at least this fraction of the aim
 _COARSE = 1.1  # between two steps this far apart, the longest step is interpolated
 _SAME = 1.04  # steps closer than this need no run
-_LARGEST = 2.0  # the relative error of two motions of the same size that have nothing in common
-_APART = 1.2  # ratio of two steps from which on the change of the error shows a power of the step
-_STEEP = 2.0  # an error that grows with more than this multiple of its order is one of stability
-_ROUND_OFF = 1e-6  # an error below this is round-off if it falls with a power of the step
+_LARGEST = 2.0  # the relative error of two unrelated motions of the same size
+_APART = 1.2  # least ratio of two steps that shows the order of the error
+_STEEP = 2.0  # an error that grows with more than this multiple of its order is caused by instability
+_ROUND_OFF = 1e-6  # an error below this is round-off if it decreases with a power of the step
 _STALLED = 0.5  # below this
-_LEAST = 5e-14  # runs may agree to less than this by chance only
+_LEAST = 5e-14  # runs agree better than this only by chance
 
 
 def guide(pilots: Pilots) -> Search | str:
-    """Find a reference, and the runs of one method that lead to it; if there is none, the reason why.
+    """Find a reference, and the runs of the method that lead to it, or return the reason why there is none.
 
-    RK8 runs over the whole span. If that takes too long, EIG-3 surveys the whole span at a stable step. If that gives
-    no reference either, the part of the span is run in which the survey found the motion to be fastest.
+    RK8 runs over the whole span. If this takes too long, EIG-3 surveys the whole span at a stable step. If this gives
+    no reference either, the runs cover the part of the span with the fastest motion in the survey.
     """
     if pilots.aim < _LEAST:
         return "the accuracy is below round-off"
     failure = ""
-    shortest = math.inf  # of the steps that were unstable over a longer part
+    shortest = math.inf  # unstable step over a longer part
     survey: Search | None = None
     for part, method, seconds in _TRIALS:
         if method == SCOUT and part < 1 and not survey:
@@ -78,8 +78,8 @@ def guide(pilots: Pilots) -> Search | str:
 def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
     """Double the steps until the error is known and far below the aim; return whether this is reached.
 
-    The runs take at most `allowed` seconds, unless they are within the work that is allowed in any case. If it surveys
-    the whole span, the runs go on until one is bounded. Unstable runs end early, so that they take less time.
+    The runs take at most `allowed` seconds, unless they are within the work that is always allowed. A survey of the
+    whole span continues until a run is bounded; unstable runs end early and take less time.
     """
     pilots, method = search.pilots, search.method
     until, work, n_steps = pilots.spent + allowed, 0.0, FEWEST
@@ -105,7 +105,7 @@ def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
             elif coarse:
                 pilots.refer_to(fine)
                 search.add(pilots.judged(n_steps // 2, coarse))
-        wanted = pilots.aim if search.is_stalled else _agreement(pilots)  # round-off leaves no better reference
+        wanted = pilots.aim if search.is_stalled else _agreement(pilots)  # round-off prevents a better reference
         if search.runs and search.runs[-1].error <= wanted:
             pilots.trust()
             return True
@@ -117,7 +117,7 @@ def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
 
 
 def _is_bounded(search: Search) -> bool:
-    """Whether the runs of a survey have shown a stable motion; otherwise it is forgotten."""
+    """Whether the runs of a survey have shown a stable motion; otherwise the survey is discarded."""
     pilots = search.pilots
     if any(_LARGEST < run.error < math.inf for run in search.runs[-1:]):
         pilots.forget_survey()
@@ -125,26 +125,26 @@ def _is_bounded(search: Search) -> bool:
 
 
 def _agreement(pilots: Pilots) -> float:
-    """The difference of two runs from which on the finer one is a reference."""
+    """The largest difference of two runs with which the finer run is a reference."""
     return min(_AGREEMENT * pilots.aim, _AGREEMENT_AT_MOST)
 
 
 def _may_run(search: Search, n_steps: int, until: float, work: float) -> bool:
-    """Whether a run, and what must follow it, is within the work that may be done in any case or the time."""
+    """Whether a run, and the runs that must follow it, are within the allowed work or the time."""
     pilots, method = search.pilots, search.method
     error = search.runs[-1].error if search.runs else math.inf
     following = 1.0
-    if error <= CONVERGING:  # the error of half as many steps or a quarter: with more it falls by the order
+    if error <= CONVERGING:  # the error with a half or a quarter of the steps: more steps reduce it by the order
         following = max(1.0, (error / _agreement(pilots)) ** (1 / method.order) / 2)
     is_small = work + pilots.work(method, n_steps * following) < _GUIDE_WORK
     seconds = pilots.predicted(method, n_steps)
     in_time = pilots.spent + seconds * following < until
-    is_hopeful = error <= CONVERGING or error > _LARGEST  # a larger error is one of stability
+    is_hopeful = error <= CONVERGING or error > _LARGEST  # a larger error is caused by instability
     return seconds < pilots.left and (is_small or (in_time and is_hopeful))
 
 
 class Timed(Protocol):
-    """What is known of a search: the evaluations and seconds of a step, the steps, and the run that reaches the aim."""
+    """The results of a search: the evaluations and seconds of a step, the steps, and the run that reaches the aim."""
 
     evaluations: int
 
@@ -193,8 +193,8 @@ class Search(Timed):
         """Run until the longest step is known, or the next run would take too long.
 
         The first run takes as long as `other` takes to reach the aim. A run takes at most `longest` seconds and ends
-        before the pilot runs have taken `until` seconds, unless it is within the remaining `work`. When they have taken
-        `enough` seconds, a step that reaches the aim is not improved.
+        before the pilot runs have taken `until` seconds, unless it is within the remaining `work`. After `enough`
+        seconds of pilot runs, a step that reaches the aim is not improved.
         """
         guess = other.pace / other.evaluations * self.evaluations
         n_steps = self._next() if self.runs else other.seconds / guess * self.pilots.part
@@ -228,7 +228,7 @@ class Search(Timed):
 
     @property
     def _good(self) -> Run | None:
-        """The run with the fewest steps from which on every run reaches the aim."""
+        """The run with the fewest steps such that it and all finer runs reach the aim."""
         bad = self._bad
         return next((run for run in self.runs if not bad or run.n_steps > bad.n_steps), None)
 
@@ -251,7 +251,7 @@ class Search(Timed):
         return max(between, 1.001 * _SAME * bad.n_steps)
 
     def _between(self, bad: Run, good: Run) -> float:
-        """The steps with which the error is just below the aim, if it is a power of the step."""
+        """The steps for an error just below the aim, if the error is a power of the step."""
         return 1.01 * bad.n_steps * (bad.error / self.pilots.aim) ** (1 / self._slope(bad, good))
 
     def _slope(self, bad: Run, good: Run) -> float:
@@ -259,7 +259,7 @@ class Search(Timed):
 
     @property
     def order(self) -> float:
-        """The order of convergence over the two runs with the most steps, or else that of the method."""
+        """The order of convergence over the two runs with the most steps, or otherwise the order of the method."""
         known = float(self.method.order)
         return min(2 * known, max(known / 2, self._observed)) if self._observed else known
 
@@ -270,12 +270,12 @@ class Search(Timed):
 
     @property
     def follows_order(self) -> bool:
-        """Whether the error falls with the step as the order predicts, so that it can be extrapolated."""
+        """Whether the error decreases with the step as the order predicts, and can be extrapolated."""
         return self._observed is not None and not self.is_limited and not self.is_stalled
 
     @property
     def is_limited(self) -> bool:
-        """Whether stability limits the step: with a longer one, the error grows much faster than by the order."""
+        """Whether stability limits the step: with a longer step, the error grows much faster than by the order."""
         if not self._bad:
             return False
         fine = self._good or self.runs[-1]
@@ -286,7 +286,7 @@ class Search(Timed):
 
     @property
     def is_stalled(self) -> bool:
-        """Whether round-off keeps the error from falling."""
+        """Whether round-off prevents a decrease of the error."""
         before = self.runs[-2].error if len(self.runs) > 1 else math.inf
         return before < _ROUND_OFF and (self._observed or 0.0) < _STALLED
 
@@ -300,7 +300,7 @@ class Search(Timed):
 
     @cached_property
     def _fewest(self) -> float:
-        """The steps over the whole span that what the runs have not shown needs."""
+        """The least number of steps over the whole span for events that the runs do not contain."""
         return self.pilots.fewest(self.method)
 
     @property
@@ -312,18 +312,18 @@ class Search(Timed):
             extrapolated = last.error < CONVERGING and not self.is_stalled
             return last.n_steps * (last.error / self.pilots.aim) ** (1 / self.order) if extrapolated else 0
         if bad and good.n_steps > _COARSE * bad.n_steps and self.pilots.needs_reference and not self.is_limited:
-            # No number of steps between them may be possible. An interpolated one might not reach the aim.
+            # There may be no possible number of steps between them, and an interpolated number might not reach the aim.
             return min(good.n_steps, _SAME * self._between(bad, good))
         return good.n_steps
 
     @property
     def error(self) -> float:
-        """The error expected with these steps."""
+        """The expected error with these steps."""
         return self._good.error if self._good and self._good.n_steps == self._steps else self.pilots.aim
 
     @property
     def mean_evaluations(self) -> float:
-        """The evaluations in a step of the run that reaches the aim, or else of the run with the most steps.
+        """The evaluations in a step of the run that reaches the aim, or otherwise of the run with the most steps.
 
         An implicit method takes more iterations in a longer step.
         """
@@ -337,7 +337,7 @@ class Search(Timed):
 
     @property
     def failure(self) -> str:
-        """Why the aim is not reached."""
+        """The reason why the aim is not reached."""
         stable = [run for run in self.runs if math.isfinite(run.error)]
         if not self.runs:
             return NO_TIME
@@ -347,7 +347,7 @@ class Search(Timed):
             return "unstable at every step tried"
         last = stable[-1]
         if self.is_stalled:
-            return f"round-off leaves an error of {last.error:.1e}"
+            return f"round-off limits the error to {last.error:.1e}"
         h = self.pilots.part * self.pilots.span / last.n_steps
         return (
             f"the error does not converge down to h = {h:.2g}, where it is {last.error:.1e} (chaos, or a step still "

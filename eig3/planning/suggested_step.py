@@ -1,4 +1,4 @@
-"""The step of a first run of a problem, if the user gives none."""
+"""The default step of a first run of a problem."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from ..diagnosis.critical import NoCriticalStepError
 from ..methods import Method
 from ..problem import Problem
 
-_STEPS = 2000  # least number of steps of a problem that suggests no step
+_STEPS = 2000  # least number of steps for a problem without a suggested step
 
 
 def first_step(problem: Problem, method: str | Method, span: float) -> float:

@@ -11,13 +11,13 @@ from .search import NO_TIME, Timed
 
 VARIABLE: tuple[Method, ...] = (RK8(), RKN12(), RK5())  # the methods that are tried with tolerances
 _MOST_RUNS = 8
-_GOAL = 0.8  # the next run aims at this fraction of the aim: the error is not a smooth function of rtol
+_GOAL = 0.8  # target of the next run, as a fraction of the aim: the error is not a smooth function of rtol
 _ENOUGH = 0.5  # an error of at least this fraction of the aim ends the search
 _LARGEST_RTOL = 0.1
-_LARGEST_FACTOR = 1e4  # from the tolerance of one run to that of the next
-_SLOPES = 0.5, 2.0  # the error falls with a power of rtol between these,
-_USUAL_SLOPE = 1.0  # and usually with this
-_WORK = 2**24  # work that a run may do in any case
+_LARGEST_FACTOR = 1e4  # largest ratio of the tolerances of consecutive runs
+_SLOPES = 0.5, 2.0  # range of the exponent of rtol in the error,
+_USUAL_SLOPE = 1.0  # and its usual value
+_WORK = 2**24  # work that is always allowed for a run
 
 
 class ToleranceSearch(Timed):
@@ -26,11 +26,11 @@ class ToleranceSearch(Timed):
     Attributes
     ----------
     rtol : float
-        That rtol; NaN if none is known.
+        The largest rtol; NaN if none is known.
     runs : list of (float, Run)
-        Each rtol that was tried, and its run.
+        Each trial of rtol, and its run.
     failure : str
-        Why no rtol is known.
+        The reason why no rtol is known.
     """
 
     is_limited = False
@@ -45,8 +45,8 @@ class ToleranceSearch(Timed):
     def run(self, other: Timed, *, longest: float, enough: float = math.inf) -> None:
         """Run until rtol is known. A run takes at most `longest` seconds, or does a small amount of work.
 
-        `other` gives the time of an evaluation. When the pilot runs have taken `enough` seconds, an rtol that reaches
-        the aim is not improved.
+        `other` gives the time of an evaluation. After `enough` seconds of pilot runs, an rtol that reaches the aim is
+        not improved.
         """
         pilots, method = self.pilots, self.method
         guess = other.pace / other.evaluations * self.evaluations
@@ -87,14 +87,14 @@ class ToleranceSearch(Timed):
             slope = min(most, max(least, observed))
         factor = (_GOAL * aim / _positive(run.error)) ** (1 / slope)
         wanted = rtol * min(_LARGEST_FACTOR, max(1 / _LARGEST_FACTOR, factor))
-        # What a part of the span shows is less sure: elsewhere, other motions may decide about the steps.
+        # A part of the span is less reliable: elsewhere, other motions may control the steps.
         largest = _LARGEST_RTOL if self.pilots.part == 1 else min(aim, _LARGEST_RTOL)
         wanted = max(LEAST_RTOL, float(f"{min(wanted, largest):.2g}"))
         return None if any(wanted == tried for tried, _ in self.runs) else wanted
 
     @property
     def _good(self) -> tuple[float, Run] | None:
-        """The run with the largest tolerance from which on every run reaches the aim."""
+        """The run with the largest tolerance such that it and all runs with smaller tolerances reach the aim."""
         found = None
         for rtol, run in sorted(self.runs, key=lambda entry: entry[0]):
             if not run.error <= self.pilots.aim:
@@ -117,7 +117,7 @@ class ToleranceSearch(Timed):
 
     @property
     def mean_evaluations(self) -> float:
-        """The evaluations for each step, including those of rejected steps."""
+        """The evaluations for each step, including the evaluations of rejected steps."""
         return self._good[1].evaluations if self._good else math.nan
 
 

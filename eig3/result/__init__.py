@@ -1,1 +1,1 @@
-"""What a run gives back: the solution, its files, its tables, and the states between those that it saves."""
+"""The results of a run: the solution, its files and tables, and the interpolation between saved states."""

@@ -1,4 +1,4 @@
-"""The columns of runs and of ensembles: what is known of each run, and of each saved state of a run."""
+"""The columns of runs and of ensembles: the values of each run, and of each saved state of a run."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class Column(NamedTuple):
     kind : type
         Type of each value.
     shape : str
-        How many values there are: ONE; one for each of the DEGREES of freedom, without an axis in the scalar form; or
-        ANY number, without an axis if the quantity has one value.
+        The number of values: ONE; one for each of the DEGREES of freedom, without an axis in the scalar form; or ANY
+        number, without an axis if the quantity has one value.
     of_states : bool
-        Whether each saved state has a value, and not only each run. A directory of `save_to` has these in files.
+        Whether each saved state has a value, and not only each run. A directory of `save_to` has such columns in files.
     by_name : bool
         Whether the field is a dict with the values of several quantities.
     """
@@ -61,7 +61,7 @@ ROWS = [column.name for column in COLUMNS if column.of_states and not column.by_
 
 
 def each(function: Callable[..., Any], value: Any, *others: Any) -> Any:
-    """Apply a function to the arrays of a column, and to those of others beside them; a column may be None."""
+    """Apply a function to the arrays of a column together with the arrays of other columns; a column may be None."""
     if value is None:
         return None
     if isinstance(value, Extremes):
@@ -74,6 +74,6 @@ def each(function: Callable[..., Any], value: Any, *others: Any) -> Any:
 def separated(
     u: np.ndarray, v: np.ndarray, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Return u and v without the last degrees of freedom, and quadratures with these names: the velocities there."""
+    """Return u and v without the last degrees of freedom, whose velocities are the quadratures with these names."""
     n = u.shape[-1] - len(names)
     return u[..., :n], v[..., :n], {name: v[..., n + k] for k, name in enumerate(names)}

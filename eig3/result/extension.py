@@ -1,4 +1,4 @@
-"""The states between those of a run with tolerances, from the continuous extension of its steps."""
+"""States within the steps of a run with tolerances, from the continuous extension of its steps."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def states_between(
     ----------
     rhs : Callback
     params : ndarray
-        A copy is made for this call, because a scene keeps lists of neighbours there.
+        The call copies them, because a scene stores neighbour lists in them.
     pair : str
         The file of methods with the formulas of the steps.
     t : ndarray, shape (m,)
-        Two equal times are those of the states before and after a jump.
+        Two equal times belong to the states before and after a jump.
     u, v : ndarray, shape (m,) or (m, n)
     times : ndarray, shape (k,)
         Within the span of t.
@@ -32,13 +32,13 @@ def states_between(
     Returns
     -------
     u, v : ndarray, shape (k,) or (k, n)
-        At the time of a state of the history they are this state; at that of a jump, the state after it.
+        At the time of a state of the history, this state; at the time of a jump, the state after it.
     """
     left = np.searchsorted(t, times, side="right") - 1
     found = u[left], v[left]
     inside = np.flatnonzero(t[left] < times)
     if len(inside):
-        inside = inside[np.argsort(left[inside], kind="stable")]  # the steps are taken in their order
+        inside = inside[np.argsort(left[inside], kind="stable")]  # the steps are evaluated in order
         rows = [np.ascontiguousarray(x, dtype=np.float64).reshape(len(t), -1) for x in (u, v)]
         n = rows[0].shape[1]
         out = np.empty((2, len(inside), n))

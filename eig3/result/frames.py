@@ -14,7 +14,7 @@ _PLAIN = Labels()  # of degrees of freedom without names
 
 
 def to_pandas(solution: Any) -> Any:
-    """Return a `Solution` as a DataFrame, as `Solution.to_pandas` describes it."""
+    """Return a `Solution` as a DataFrame, as `Solution.to_pandas` describes."""
     pandas = _module("pandas")
     frame = pandas.DataFrame(_distinct(_columns(solution)), index=pandas.Index(solution.t, name="t"))
     frame.attrs.update(_attributes(solution), units=_units(solution))
@@ -22,12 +22,12 @@ def to_pandas(solution: Any) -> Any:
 
 
 def to_xarray(solution: Any) -> Any:
-    """Return a `Solution` as a Dataset, as `Solution.to_xarray` describes it."""
+    """Return a `Solution` as a Dataset, as `Solution.to_xarray` describes."""
     return _dataset(solution, ("t",), {"t": solution.t}, {}, _attributes(solution))
 
 
 def ensemble_to_pandas(solution: Any) -> Any:
-    """Return an `EnsembleSolution` as a DataFrame, as `EnsembleSolution.to_pandas` describes it."""
+    """Return an `EnsembleSolution` as a DataFrame, as `EnsembleSolution.to_pandas` describes."""
     pandas, table = _module("pandas"), solution._table()
     frame = pandas.DataFrame(_distinct([("member", table.member), ("t", table.t), *_columns(table)]))
     frame.attrs.update(method=repr(solution.method), units=_units(table))
@@ -35,7 +35,7 @@ def ensemble_to_pandas(solution: Any) -> Any:
 
 
 def ensemble_to_xarray(solution: Any) -> Any:
-    """Return an `EnsembleSolution` as a Dataset, as `EnsembleSolution.to_xarray` describes it."""
+    """Return an `EnsembleSolution` as a Dataset, as `EnsembleSolution.to_xarray` describes."""
     has_one_time = not solution.t.strides[0]
     axes = ("member", "t" if has_one_time else "row")
     coordinates = {
@@ -83,7 +83,7 @@ def _columns(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _units(solution: Any) -> dict[str, str]:
-    """Return the unit of each displacement and velocity; nothing if they are not known."""
+    """Return the unit of each displacement and velocity; an empty dict if the units are not known."""
     if solution.labels is None:
         return {}
     degrees = range(solution.u.shape[1] if solution.u.ndim > 1 else 1)
@@ -121,7 +121,7 @@ def _states(solution: Any, dims: tuple[str, ...], n: int) -> Iterator[tuple[str,
 
 
 def _distinct(values: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the values by name. An output may have any name, and two values of one name would become one."""
+    """Return the values by name, and refuse equal names, because an output may have any name."""
     found: dict[str, Any] = {}
     for name, value in values:
         if name in found:

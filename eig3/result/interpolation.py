@@ -1,4 +1,4 @@
-"""Hermite interpolation between states, with their accelerations where these are known."""
+"""Hermite interpolation between states, with their accelerations if these are known."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 _CHUNK_VALUES = 2**20  # values in the divided differences that are computed at once
-_LEAST_GAP = 0.5  # distance between two knots of a polynomial, as a multiple of the interval that it is evaluated in
+_LEAST_GAP = 0.5  # least distance of two knots of a polynomial, relative to the interval of evaluation
 
 
 @dataclass(frozen=True, eq=False)
 class Knots:
-    """States in the order of time. Two states of one time are those before and after a jump.
+    """States in the order of time. Two states at the same time are the states before and after a jump.
 
     Attributes
     ----------
@@ -32,10 +32,10 @@ class Knots:
     def at(self, times: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Interpolate u and v at times between the first and the last state.
 
-        The polynomial of an interval goes through u, v and the accelerations of `count` states, or of fewer between
-        two jumps: of the two ends of the interval, and of the next ones on the nearer side. Its errors are of the
-        orders 3 count in u and 3 count - 1 in v. It goes through u and v at the two ends only where an acceleration is
-        not known or not finite.
+        The polynomial of an interval matches u, v and the accelerations of `count` states, or of fewer states between
+        two jumps: of the two ends of the interval, and of the next states on the nearer side. Its errors are of the
+        orders 3 count in u and 3 count - 1 in v. If an acceleration is not known or not finite, it matches only u and v
+        at the two ends.
         """
         flat = times.ravel()
         left = self.left_of(flat)
@@ -49,11 +49,11 @@ class Knots:
         return u.reshape(shape)[()], v.reshape(shape)[()]
 
     def left_of(self, times: np.ndarray) -> np.ndarray:
-        """Return the number of the last state at each time or before it."""
+        """Return the index of the last state at or before each time."""
         return np.searchsorted(self.t, times, side="right") - 1
 
     def between(self, times: np.ndarray, left: np.ndarray, count: int, orders: int = 2) -> np.ndarray:
-        """Interpolate between the states `left` and the next ones.
+        """Interpolate between the states `left` and the next states.
 
         Returns
         -------
@@ -66,7 +66,7 @@ class Knots:
         return values
 
     def cubic(self, times: np.ndarray, left: np.ndarray) -> np.ndarray:
-        """Interpolate u between the states `left` and the next ones by cubic polynomials through u and v."""
+        """Interpolate u between the states `left` and the next states by cubic polynomials through u and v."""
         return self._evaluated(times, np.stack([left, left + 1], axis=1), [], 1)[0]
 
     def _polynomial(self, times: np.ndarray, knots: np.ndarray, orders: int) -> np.ndarray:
@@ -110,8 +110,7 @@ class Knots:
     def _knots_of(self, left: np.ndarray, count: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Choose the knots for the intervals that begin at the states `left`, with no jump between them.
 
-        Knots that are much nearer to each other than the ends of the interval would magnify round-off, so those in
-        between are left out.
+        Knots that are much closer together than the ends of the interval would amplify round-off, and are skipped.
 
         Yields
         ------
@@ -146,23 +145,23 @@ class Knots:
 
     @cached_property
     def _jumps(self) -> np.ndarray:
-        """The numbers of the states before the jumps."""
+        """The indices of the states before the jumps."""
         return np.flatnonzero(self.t[1:] == self.t[:-1])
 
 
 def hermite(s: np.ndarray, x: np.ndarray, taylor: np.ndarray, orders: int) -> np.ndarray:
-    """Evaluate polynomials that match functions and their first m - 1 derivatives at k places, in the form of Newton.
+    """Evaluate polynomials that match functions and their first m - 1 derivatives at k points, in Newton's form.
 
     Parameters
     ----------
     s : ndarray, shape (q,)
-        One place for each polynomial, where it is evaluated.
+        The point of evaluation of each polynomial.
     x : ndarray, shape (q, k)
-        The places at which it matches.
+        The points at which the polynomials match.
     taylor : ndarray, shape (q, k, m, n)
         The values of n functions there and their derivatives, divided by the factorial of their order.
     orders : int
-        How many of the values, the first derivatives, the second derivatives and so on to return.
+        The number of rows to return: values, first derivatives, second derivatives and so on.
 
     Returns
     -------

@@ -12,9 +12,9 @@ class Labels:
     Attributes
     ----------
     names : tuple of str
-        The name of each of them, such as "x0"; empty if they have no names.
+        The name of each degree of freedom, such as "x0"; empty if they have no names.
     units : str or tuple of str
-        Unit of the displacements, or of each of them; "-" for a number without a unit.
+        Unit of all displacements, or of each displacement; "-" for a dimensionless number.
     """
 
     names: tuple[str, ...] = ()

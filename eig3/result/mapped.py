@@ -1,4 +1,4 @@
-"""Rows of numbers in memory-mapped .npy files, which may be larger than memory and outlive a process that is killed."""
+"""Rows of numbers in memory-mapped .npy files, which may be larger than memory and survive a killed process."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ import numpy as np
 
 from ..kernels.checksum import checksum
 
-_MOST_BYTES = 2**26  # for which space is reserved at a time in a file that grows
+_MOST_BYTES = 2**26  # the largest space reserved at a time in a growing file
 _NO_FALLOCATE = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)  # errors of a file system that cannot reserve space
 
 
 def check_directory(path: Path) -> None:
-    """Raise a FileExistsError if there is something that the files of a run could overwrite."""
+    """Raise a FileExistsError if the files of a run could overwrite something."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise _taken(path, "holds files" if path.is_dir() else "is a file")
 
 
 def output_files(names: Iterable[str]) -> dict[str, str]:
-    """Return the names of the arrays with the values of outputs, whose own names may have any character."""
+    """Return the file names of outputs, whose names may have any character."""
     return {name: f"outputs.{k}" for k, name in enumerate(names)}
 
 
@@ -33,7 +33,7 @@ def _taken(path: Path, what: str) -> FileExistsError:
 
 
 class DamagedFileError(ValueError):
-    """A file does not have what was written to it."""
+    """The content of a file differs from what was written."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(f"{path} is damaged: take a copy of it, or run again.")
@@ -42,29 +42,29 @@ class DamagedFileError(ValueError):
 class MappedRows:
     """Arrays whose rows are in the files of a directory, one .npy file for each array.
 
-    Until `close`, the header of a file has the number of reserved rows. A reader must then know from elsewhere how many
-    rows are complete.
+    Until `close`, the header of a file has the number of reserved rows. The number of complete rows is in the record of
+    the run.
 
     Parameters
     ----------
     directory : Path
-        It is made if it does not exist.
+        It is created if it does not exist.
     shapes : dict of str to tuple of int
         The shape of a row of each array, by the names of the arrays.
     rows : int
-        Number of rows to reserve space for.
+        Number of rows to reserve.
 
     Attributes
     ----------
     arrays : dict of str to ndarray
-        The reserved rows. `grow` and `reserve` replace these arrays by longer ones, and `close` by shorter ones.
+        The reserved rows. `grow` and `reserve` replace these arrays by longer arrays, and `close` by shorter arrays.
     count : int
-        Number of rows that are complete.
+        Number of complete rows.
 
     Raises
     ------
     FileExistsError
-        If the directory is not empty, or another run takes it at the same time.
+        If the directory is not empty, or another run begins in it at the same time.
     OSError
         If the disk is full. No file is left.
     """
@@ -78,7 +78,7 @@ class MappedRows:
             for name, shape in shapes.items():
                 self._files[name] = _RowFile(directory / f"{name}.npy", shape)
             self.reserve(rows)
-        except FileExistsError:  # the system gives each file to one run only
+        except FileExistsError:  # the system lets only one run create each file
             self.remove()
             raise _taken(directory, "holds the files of another run, which began at the same time") from None
         except BaseException:
@@ -96,7 +96,7 @@ class MappedRows:
         Raises
         ------
         OSError
-            If the disk is full. The rows up to now stay as they are.
+            If the disk is full. The existing rows do not change.
         """
         try:
             for file in self._files.values():
@@ -105,7 +105,7 @@ class MappedRows:
             needed = sum(file.row_bytes for file in self._files.values()) * rows
             raise OSError(
                 error.errno,
-                f"the history in {self.directory} needs {needed:.3g} bytes for {rows} rows, for which the disk has no "
+                f"the history in {self.directory} needs {needed:.3g} bytes for {rows} rows, and the disk has no "
                 f"space ({error.strerror}); free some, or take a larger save_every or a directory on another disk",
             ) from error
         self._refer()
@@ -116,7 +116,7 @@ class MappedRows:
         Raises
         ------
         OSError
-            If the disk is full. The rows up to now stay as they are.
+            If the disk is full. The existing rows do not change.
         """
         held = min(len(array) for array in self.arrays.values())
         most = _MOST_BYTES // max(file.row_bytes for file in self._files.values())
@@ -127,7 +127,7 @@ class MappedRows:
         return {name: file.checksum(rows) for name, file in self._files.items()}
 
     def close(self) -> None:
-        """Cut the files after the last row. The arrays are then maps of the files that can only be read."""
+        """Cut the files after the last row. The arrays are then read-only maps of the files."""
         for file in self._files.values():
             file.close(self.count)
         self._refer()
@@ -137,19 +137,19 @@ class MappedRows:
 
 
 def read_mapped(directory: Path, checksums: Mapping[str, int], rows: int) -> dict[str, np.ndarray]:
-    """Return the first `rows` rows of arrays, which can only be read. They are read once, for their checksums.
+    """Return the first `rows` rows as read-only arrays. They are read once to verify their checksums.
 
     Parameters
     ----------
     directory : Path
     checksums : dict of str to int
-        Those of these rows, by the names of the arrays.
+        The checksums of these rows, by the names of the arrays.
     rows : int
 
     Raises
     ------
     DamagedFileError
-        If a file does not have these rows, or other numbers than the run has written.
+        If a file does not have these rows, or has other values than the run has written.
     """
     arrays = {}
     for name, expected in checksums.items():
@@ -158,7 +158,7 @@ def read_mapped(directory: Path, checksums: Mapping[str, int], rows: int) -> dic
             array = np.load(path, mmap_mode="r")
             has_rows = array.dtype == np.float64 and array.flags.aligned and len(array) >= rows
             is_sound = has_rows and checksum(array[:rows]) == expected
-        except Exception as error:  # many kinds, from the header of a file
+        except Exception as error:  # many kinds of errors, from the header of a file
             raise DamagedFileError(path) from error
         if not is_sound:
             raise DamagedFileError(path)
@@ -178,13 +178,13 @@ class _RowFile:
         self._summed = 0, 0  # a number of rows and their checksum
 
     def reserve(self, rows: int) -> None:
-        # A write to a map of a file without space on the disk would end the process with SIGBUS.
+        # Writing to a map without space on the disk would end the process with SIGBUS.
         _reserve(self._file, self._offset + rows * self.row_bytes)
         self._write_header(rows)
         self.array = np.asarray(np.memmap(self._file, np.float64, "r+", self._offset, (rows, *self._shape)))
 
     def checksum(self, rows: int) -> int:
-        """Return the checksum of the first rows. From one call to the next, the last of them may change."""
+        """Return the checksum of the first rows. The last row may change from one call to the next."""
         rows_before, before = self._summed if self._summed[0] < rows else (0, 0)
         last, width = max(0, rows - 1), self.row_bytes // 8
         self._summed = last, checksum(self.array[rows_before:last], rows_before * width, before)
@@ -193,7 +193,7 @@ class _RowFile:
     def close(self, rows: int) -> None:
         self.checksum(rows)  # while the system has the rows mapped
         self._write_header(rows)
-        self.array = np.empty((0, *self._shape))  # a system may refuse to cut a file that is mapped
+        self.array = np.empty((0, *self._shape))  # a system may refuse to cut a mapped file
         self._file.truncate(self._offset + rows * self.row_bytes)
         self._file.close()
         self.array = np.load(self.path, mmap_mode="r")
@@ -209,7 +209,7 @@ class _RowFile:
 
 
 def _header(dtype: np.dtype, shape: tuple[int, ...]) -> bytes:
-    """Return the header of a .npy file. NumPy leaves space in it for the number of rows to grow."""
+    """Return the header of a .npy file. It has space for a larger number of rows."""
     buffer = io.BytesIO()
     description = np.lib.format.dtype_to_descr(dtype)
     np.lib.format.write_array_header_1_0(buffer, {"descr": description, "fortran_order": False, "shape": shape})
@@ -217,7 +217,7 @@ def _header(dtype: np.dtype, shape: tuple[int, ...]) -> bytes:
 
 
 def _reserve(file: BinaryIO, size: int) -> None:
-    """Make a file at least this long, with space on the disk for all of it."""
+    """Extend a file to at least this size, with its space allocated on the disk."""
     held = os.fstat(file.fileno()).st_size
     if size <= held:
         return

@@ -1,7 +1,7 @@
 """Checks that the arrays of a run fit in memory or on the disk, before anything runs.
 
-Linux grants more memory than there is, and kills the process when the memory is used. These checks raise an error
-instead. The package psutil knows the memory of the machine only, not the limit of a container.
+Linux grants more memory than exists, and kills the process when it uses the memory. These checks raise an error
+instead. The package psutil reports only the memory of the machine, not the limit of a container.
 """
 
 import errno
@@ -15,12 +15,12 @@ import numpy as np
 from ..methods import Method
 
 _CACHE_LINE = 64  # size of a cache line, bytes
-_VALUE = 56  # bytes of a value of a member: two arrays, and a number of Python in a list where the table is written
+_VALUE = 56  # bytes for a value of a member: two arrays, and a Python number in the list for the table
 _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
-# The files of a control group with its limit and its usage, and the entry of its statistics that can be reclaimed.
+# The files of a control group with its limit and its usage, and the statistics entry of reclaimable memory.
 _VERSION_1 = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
 _VERSION_2 = "memory.max", "memory.current", "inactive_file"
-NOT_WORTH_A_LOOK = 2**20  # bytes; asking for the free memory takes longer than filling fewer than these
+NOT_WORTH_A_LOOK = 2**20  # bytes; reading the free memory takes longer than filling less than this
 
 
 def n_rows(n_steps: int, every: int) -> int:
@@ -48,7 +48,7 @@ def record_places(length: float, spacing: float, each: int) -> np.ndarray:
     Raises
     ------
     MemoryError
-        If a record that needs `each` bytes for a sample while it is made does not fit.
+        If a record that needs `each` bytes for a sample during its construction does not fit.
     """
     needed = each * (length / spacing + 1)
     if not needed <= NOT_WORTH_A_LOOK and not needed <= (free := available_memory()):
@@ -84,7 +84,7 @@ def check_members_history(m: int, rows: int, n: int, n_outputs: int = 0) -> None
     if needed > NOT_WORTH_A_LOOK and needed > (free := available_memory()):
         raise MemoryError(
             f"the histories of {m} members need {needed:.3g} bytes and {free:.3g} are free; take a larger save_every, "
-            "or reduce=, a function that returns what you need of each part of the ensemble."
+            "or reduce=, a function that returns the values that you need from each part of the ensemble."
         )
 
 
@@ -97,7 +97,7 @@ def check_study(m: int, values: int) -> None:
 
 def check_workspace(method: Method, n: int) -> None:
     """Raise a MemoryError if the n x n matrix of an implicit method does not fit."""
-    # There are two matrices: a stepper keeps a copy of its state, to which it can go back.
+    # There are two matrices: a stepper keeps a copy of its state, to restore it.
     needed = 16 * n * n if method.formulas.matrix else 0
     if needed > NOT_WORTH_A_LOOK and needed > (free := available_memory()):
         raise MemoryError(
@@ -107,9 +107,9 @@ def check_workspace(method: Method, n: int) -> None:
 
 
 def aligned(shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array of zeros, which starts at a cache line if its rows fill one.
+    """Return an array of zeros, aligned to a cache line if its rows fill a cache line.
 
-    If the vectors of a loop cross cache lines, a loop over data in the cache takes half as long again.
+    A loop over data in the cache takes 1.5 times as long if its vectors cross cache lines.
     """
     if shape[-1] < _CACHE_LINE // 8:
         return np.zeros(shape)
@@ -120,7 +120,7 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
 
 
 def available_memory() -> float:
-    """Return the free memory of the machine or of the container, in bytes; infinity if the system does not tell."""
+    """Return the free memory of the machine or of the container, in bytes; infinity if it is unknown."""
     return min(_machine_memory(), _group_memory())
 
 
@@ -136,11 +136,11 @@ def _machine_memory() -> float:
     try:
         return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, ValueError, OSError):
-        return math.inf  # Windows grants only memory that exists, so that NumPy raises the MemoryError
+        return math.inf  # Windows grants only existing memory: NumPy raises the MemoryError
 
 
 def _group_memory() -> float:
-    """Return how much more memory the control groups of the process, such as those of a container, let it use."""
+    """Return the memory that the control groups of the process, such as a container, still allow it to use."""
     try:
         lines = (_PROC / "self" / "cgroup").read_text().splitlines()
     except OSError:
@@ -151,8 +151,8 @@ def _group_memory() -> float:
         if controllers and "memory" not in controllers.split(","):
             continue
         root, names = (_CGROUPS / "memory", _VERSION_1) if controllers else (_CGROUPS, _VERSION_2)
-        # A container may see its own group as the root, while the path is that on the host. Each group is limited by
-        # those that contain it.
+        # A container may see its group as the root, while the path is the path on the host. Each group is limited by #
+        # the groups that contain it.
         inner = root / path.lstrip("/")
         for group in (inner, *inner.parents):
             if group.is_relative_to(root):
@@ -161,13 +161,13 @@ def _group_memory() -> float:
 
 
 def _free_in_group(group: Path, limit: str, usage: str, reclaimable: str) -> float:
-    """Return what is free in a control group; infinity if it has no limit."""
+    """Return the free memory of a control group; infinity if it has no limit."""
     try:
         free = int((group / limit).read_text()) - int((group / usage).read_text())
         for line in (group / "memory.stat").read_text().splitlines():
             name, value = line.split()
-            if name == reclaimable:  # copies of files, which the system drops when it needs the memory
+            if name == reclaimable:  # cached files, which the system drops when it needs the memory
                 free += int(value)
-    except (OSError, ValueError):  # "max" stands for no limit
+    except (OSError, ValueError):  # "max" means no limit
         return math.inf
     return float(max(0, free))

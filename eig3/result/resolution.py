@@ -1,4 +1,4 @@
-"""Whether saved states are close enough together to be interpolated."""
+"""Error estimates for the interpolation between saved states."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from .interpolation import Knots
 
 _POINTS = np.array([0.2, 0.5, 0.8])  # of an interval, where the polynomial is compared
 _BUMP = 12.0  # the curvature of the error of a polynomial is about this, times the error, over the length squared
-_NUDGE = 1e-4  # the displacement by which a stiffness is measured, as a part of the motion
-_STATES = 1000  # saved states that tell the range of the motion, at least
-_SMALL = 1e-3  # smaller motions are measured by this part of the largest motion of all degrees of freedom
-_ROUND_OFF = 1e-9  # a motion below this part of the displacement is rest
-_CUBIC = 1 / 12  # the error of a quintic as a part of that of a cubic, with about two states a period
+_NUDGE = 1e-4  # the displacement for measuring a stiffness, relative to the motion
+_STATES = 1000  # least number of saved states for the range of the motion
+_SMALL = 1e-3  # least scale of the errors, relative to the largest motion of all degrees of freedom
+_ROUND_OFF = 1e-9  # a smaller motion relative to the displacement counts as rest
+_CUBIC = 1 / 12  # ratio of the errors of a quintic and a cubic polynomial, with about two states a period
 _CHUNK_VALUES = 2**20  # values in the states that are compared at once
 
-#: Evaluates f at rows of t, u and v.
+#: A function that evaluates f at rows of t, u and v.
 Evaluate = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 class Resolution:
-    """The errors of the polynomials between saved states, as estimated by the right-hand side.
+    """The errors of the polynomials between saved states, estimated by the right-hand side.
 
-    At three points of an interval of the length H, the acceleration of the polynomial P is compared with f there. The
-    difference d belongs to an error e of P: e'' = f'(P) e + d. With e'' of the size 12 e / H^2, and a stiffness k from
-    one more evaluation of f beside P, the error is about ``|d| / (12 / H^2 + k)``. This is the error of P for few
-    states in a period, within a factor of four, and |d| / k for stiff directions, in which f magnifies a small error.
+    At three points of an interval of the length H, the acceleration of the polynomial P is compared with f. The
+    difference d drives the error e of P: e'' = f'(P) e + d. With e'' of the size 12 e / H^2, and a stiffness k from one
+    more evaluation of f near P, the error is about ``|d| / (12 / H^2 + k)``. This is the error of P for few states in a
+    period, within a factor of four, and |d| / k for stiff directions, in which f amplifies a small error.
 
-    An interval that is not longer than the step over it is exact as far as the run knows, and is not looked at.
-    Without f, the error is a twelfth of the difference between P and the cubic polynomial through u and v. If no
-    acceleration is known at all, nothing can be said, and the error is 0.
+    An interval between two consecutive steps has no interpolation error beyond the error of the run, and is skipped.
+    Without f, the error is a twelfth of the difference between P and the cubic polynomial through u and v. Without any
+    acceleration there is no estimate, and the error is 0.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Resolution:
 
     @cached_property
     def _range(self) -> np.ndarray:
-        """The range of the motion of each degree of freedom, as far as some saved states tell it."""
+        """The range of the motion of each degree of freedom, from a sample of the saved states."""
         u = self._knots.u.reshape(len(self._knots.t), -1)
         rows = u[:: max(1, len(u) // _STATES)]
         return np.maximum(np.ptp(rows, axis=0), _ROUND_OFF * np.abs(rows).max(axis=0))
@@ -61,9 +61,9 @@ class Resolution:
     def errors(self, times: np.ndarray) -> np.ndarray:
         """Return the relative errors around these times, shape (2, times).
 
-        The first is the largest of an error relative to the motion of its degree of freedom, or to a thousandth of the
-        largest motion of all. The second is relative to the largest motion of all. At the states themselves there is
-        no error.
+        The first is the largest error relative to the motion of its degree of freedom, or to a thousandth of the
+        largest motion. The second is relative to the largest motion of all degrees of freedom. The error is 0 at the
+        saved states.
         """
         t = self._knots.t
         left = np.minimum(self._knots.left_of(times), len(t) - 2)
@@ -76,7 +76,7 @@ class Resolution:
 
     @cached_property
     def _found(self) -> np.ndarray:
-        """The errors by interval, as they become known; NaN before."""
+        """The errors by interval; NaN until they are computed."""
         return np.full((2, len(self._knots.t) - 1), np.nan)
 
     def _of_intervals(self, left: np.ndarray) -> np.ndarray:
@@ -114,7 +114,7 @@ class Resolution:
     def _error(
         self, t: np.ndarray, u: np.ndarray, v: np.ndarray, a: np.ndarray, bump: np.ndarray, size: np.ndarray
     ) -> np.ndarray:
-        """Estimate the error of polynomials from f where they have these values, as rows."""
+        """Estimate the error of polynomials from f at these values, as rows."""
         shape, rows = u.shape, (len(t), -1)
         assert self._evaluate is not None
         try:

@@ -28,11 +28,11 @@ from .resolution import Resolution
 from .soundness import check_run
 from .status import Status
 
-_TOO_FAR = 1e-2  # the relative error from which on states are too far apart to be interpolated
+_TOO_FAR = 1e-2  # with a larger relative error, the states are too far apart to be interpolated
 
 _NO_STATES = "the run ended before the first time of t_eval"
 
-#: Looks for the reason why a run failed, and describes it.
+#: A function that finds the reason why a run failed, and describes it.
 Reason = Callable[[], str]
 #: The fields that a copy, a pickle and a file do not keep.
 TRANSIENT = ("reason", "_accelerations", "_extend", "_between", "_knots", "_whole", "_later")
@@ -47,53 +47,52 @@ class Solution:
     t : ndarray, shape (m,)
         Times of the saved states.
     u, v : ndarray, shape (m,) or (m, n)
-        Displacements and velocities of the saved states. With `save_to`, t, u and v are maps of files, of the type
-        `numpy.memmap`, that can only be read.
+        Displacements and velocities of the saved states. With `save_to`, t, u and v are read-only maps of files, of the
+        type `numpy.memmap`.
     h : float
         The step of the run. It is the requested step, or a shorter one if that does not divide the span. With
         tolerances, it is the mean of the steps.
     n_steps : int
         Number of steps taken.
     n_rhs : int
-        Number of evaluations of the right-hand side, including the one at the start.
+        Number of evaluations of the right-hand side, including the evaluation at the start.
     n_iterations : int
         Number of iterations of an implicit method's solver.
     status : Status
         How the run ended.
     message : str
-        A sentence about how the run ended. `explain` finds out more.
+        A sentence about how the run ended. `explain` finds the reason.
     drift : dict of str to float
         For each invariant e, the maximum of |e_n - e_0| over the ends of `n_invariants` steps and the events; NaN if e
         became NaN.
     extremes : dict of str to Extremes
         For each invariant and each output, its minimum `low` and its maximum `high`, and their times `t_low` and
-        `t_high`; NaN, and the time of the first NaN, if it became NaN. With a fixed step, they are those over the ends
-        of all steps; with tolerances, those of the motion, also within the steps. See `eig3.Extremes`.
+        `t_high`; NaN, and the time of the first NaN, if it became NaN. With a fixed step, they are taken over the ends
+        of all steps; with tolerances, also within the steps. See `eig3.Extremes`.
     kernel_seconds : float
         Time in the kernel, s, without compilation and without the evaluation of invariants and outputs.
     method : Method
         The method as it was requested.
     notes : tuple of str
-        Sentences about what the user should know of the run, such as that an invariant grows steadily, that the solver
-        of an implicit method was changed, or that the method has a short limit with a force that reads the velocity.
+        Sentences that the user should read, such as that an invariant grows steadily, that the solver of an implicit
+        method was changed, or that the method has a short limit with a force that reads the velocity.
     quadratures : dict of str to ndarray, shape (m,)
-        Integrals over time that the problem follows, at the saved times, such as "work" in J.
+        Integrals over time, such as "work" in J, at the saved times.
     events : dict of str to Occurrences
         The occurrences of each event: `t`, `u`, `v`, and `u_after`, `v_after`.
     outputs : dict of str to ndarray, shape (m,) or (m, k)
         The values of each output at the saved states.
     n_rejected : int
-        Number of steps that were repeated with a shorter step, because their error was beyond the tolerances.
+        Number of steps that were repeated with a shorter step, because their error exceeded the tolerances.
     n_invariants : int
-        Number of steps after which the invariants were evaluated: all, unless `invariants_every` says otherwise. For
-        the energy of a problem it is about every hundredth.
+        Number of steps after which the invariants were evaluated: see the option `invariants_every`.
     steps : ndarray, shape (m,), or None
         With tolerances, the length of the step that led to each saved state, or that contains its time, and 0 for the
         first state. None for a fixed step.
     labels : Labels or None
         Names and units of the degrees of freedom, in a run of a problem.
     reason : callable or None
-        The function that `explain` calls; None if nothing more can be found out.
+        The function that `explain` calls; None if there is nothing to explain.
     """
 
     t: np.ndarray
@@ -119,19 +118,19 @@ class Solution:
     labels: Labels | None = None
     reason: Reason | None = None
     _accelerations: functools.partial[np.ndarray] | None = None  # of the right-hand side and its parameters
-    _extend: Callable[..., Any] | None = None  # returns the run at its end, which can go on, and is checked
+    _extend: Callable[..., Any] | None = None  # returns the checked run at its end, which can continue
     _between: Callable[..., tuple[np.ndarray, np.ndarray]] | None = None
     _explanation: str = ""
-    _resume: Any = None  # the state from which the run can go on, or a function that returns it
+    _resume: Any = None  # the state from which the run can continue, or a function that returns it
     _a: np.ndarray | None = field(default=None, init=False)
     _a_jumps: np.ndarray | None = field(default=None, init=False)  # before all jumps, then after all jumps
     _knots: tuple[Knots, Resolution] | None = field(default=None, init=False)
-    _later: Any = field(default=None, init=False)  # functions that find fields when they are read, by name
+    _later: Any = field(default=None, init=False)  # functions that compute fields when they are read, by name
     _whole: tuple[np.ndarray, np.ndarray] | None = field(default=None, init=False)  # u and v before `_separate`
 
     @classmethod
     def _of(cls, fields: dict[str, Any], later: dict[str, Callable[[], Any]]) -> Solution:
-        """Return a solution with some fields, and functions that find others when they are read; the rest is empty."""
+        """Return a solution with some fields, and functions that compute others on access; the rest is empty."""
         solution = object.__new__(cls)
         fields["_later"] = later
         solution.__dict__ = fields
@@ -145,7 +144,7 @@ class Solution:
         return value
 
     def _kept(self) -> dict[str, Any]:
-        """The fields that a copy keeps, with those that were not read yet."""
+        """The fields that a copy keeps, including fields that were not read yet."""
         return {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name not in TRANSIENT}
 
     def explain(self, *, check: bool = False) -> str:
@@ -158,20 +157,20 @@ class Solution:
         Parameters
         ----------
         check : bool
-            Whether to estimate the error of u too, if the run did what it should. The run is repeated twice for this:
-            with half and a quarter of its step, which takes six times as long as the run, and shows its order too; or
-            with tolerances ten and a hundred times smaller.
+            Whether to estimate the error of u too, if the run was successful. The run is repeated twice: with half and
+            a quarter of its step, which takes six times as long as the run and also shows its order; or with tolerances
+            ten and a hundred times smaller.
 
         Returns
         -------
         str
-            The explanation; if the run did not diverge, `message` and `notes`. A copied or unpickled solution no longer
-            has the right-hand side: it returns the explanation only if it was found before the copy.
+            The explanation; if the run did not diverge, `message` and `notes`. A copied or unpickled solution has no
+            right-hand side: it returns only an explanation that was found before the copy.
 
         Raises
         ------
         ValueError
-            If there is nothing to repeat the run with, or the method adds random numbers.
+            If the run cannot be repeated, or the method adds random numbers.
         """
         if check and self.success:
             if self._extend is None:
@@ -186,7 +185,7 @@ class Solution:
 
     @property
     def success(self) -> bool:
-        """Whether the run did what it should: its status is COMPLETED or TERMINATED."""
+        """Whether the status is COMPLETED or TERMINATED."""
         return self.status in (Status.COMPLETED, Status.TERMINATED)
 
     @property
@@ -199,8 +198,8 @@ class Solution:
         """The accelerations f(t, u, v) at the saved states, in an array of the shape of u.
 
         They are evaluated on first access, and `n_rhs` does not count this. A copied, unpickled or loaded solution has
-        those that were found when it was copied or saved. None if no right-hand side is known. An exception in the
-        right-hand side is raised.
+        the accelerations that were found when it was copied or saved. None without a right-hand side. An exception in
+        the right-hand side is raised.
         """
         if self._a is None and self._accelerations is not None:
             self._a, self._a_jumps = np.split(self._accelerations(*self._states()), [len(self.t)])
@@ -208,7 +207,7 @@ class Solution:
 
     @property
     def _params(self) -> np.ndarray | None:
-        """The parameters of the run, in the array that kernels get; None if no right-hand side is known."""
+        """The parameters of the run, in the array that kernels get; None without a right-hand side."""
         return None if self._accelerations is None else self._accelerations.args[1]
 
     def at(self, t: ArrayLike) -> tuple[Any, Any]:
@@ -223,7 +222,7 @@ class Solution:
         -------
         u, v : float or ndarray
             Displacement and velocity, of shape ``t.shape`` or ``t.shape + (n,)``. v is the derivative of the polynomial
-            for u. At the time of a jump of the state, such as an impact, they are those after the jump.
+            for u. At the time of a jump of the state, such as an impact, the values after the jump.
 
         Raises
         ------
@@ -233,22 +232,21 @@ class Solution:
         Warns
         -----
         UserWarning
-            If the saved states around a time are too far apart: the error of the interpolation is there more than a
-            hundredth of the motion of a degree of freedom, as it is with less than two or three states in a period, or
-            across a contact that lies between two states. `eig3.result.resolution` says how the error is estimated.
-            There is no warning about a run that saves every step.
+            If the saved states around a time are too far apart: the interpolation error exceeds a hundredth of the
+            motion of a degree of freedom, as with less than two or three states in a period, or with a contact between
+            two states. `eig3.result.resolution` describes the estimate. There is no warning about a run that saves
+            every step.
 
         Notes
         -----
-        The Hermite polynomial of an interval goes through u, v and the accelerations at its two ends: its errors are of
-        the orders 6 in u and 5 in v, in the time between saved states. For a method of an order above 5, it also goes
-        through those at the next one to three saved states, so that neither u nor v loses an order. No polynomial
-        reaches across a jump.
+        The Hermite polynomial of an interval matches u, v and the accelerations at its two ends: its errors are of the
+        orders 6 in u and 5 in v, in the time between saved states. For a method of an order above 5, it also matches
+        the next one to three saved states, and neither u nor v loses an order. No polynomial spans a jump.
 
-        After a run by RK8 with tolerances, and with every state saved, the states are those of its continuous extension
-        instead. It is not kept in a file, a copy or a pickle.
+        After a run by RK8 with tolerances, and with every state saved, `at` evaluates its continuous
+        extension instead. A file, a copy or a pickle does not keep it.
 
-        The accelerations are `a`. Where they are not known or not finite, a cubic polynomial goes through u and v: its
+        The accelerations are `a`. Where they are not known or not finite, a cubic polynomial matches u and v: its
         errors are of the orders 4 and 3.
         """
         times = reals(t, "t")
@@ -269,10 +267,11 @@ class Solution:
 
     @property
     def _interpolation(self) -> tuple[Knots, Resolution]:
-        """The states to interpolate between, and the errors of this."""
+        """The states for the interpolation, and its errors."""
         if self._knots is None:
             knots = self._all_knots()
-            # no method of this object: with a circle of references, its arrays would stay until Python looks for them
+            # not a method of this object: with a reference cycle, its arrays would stay until the garbage collector
+            # runs
             steps = functools.partial(_steps_to, self.t, self.h, self.steps)
             self._knots = knots, Resolution(knots, self._knots_of_a_polynomial, self._accelerations, steps)
         return self._knots
@@ -310,34 +309,35 @@ class Solution:
         cancel: Any = None,
         t_eval: ArrayLike | None = None,
     ) -> Solution:
-        """Continue the run to a later time, with the same bits as one run over the whole span.
+        """Continue the run to a later time, bitwise as one run over the whole span.
 
         Parameters
         ----------
         t_end : float
             The new end. With a fixed step, it is a whole number of steps h after the end of the run.
         save_to, progress, raise_on_failure, cancel
-            As for `eig3.integrate`. `save_to` is a directory for the whole history, which without it is in memory.
+            As for `eig3.integrate`. `save_to` is a directory for the whole history; by default the history is in
+            memory.
         t_eval : array_like, optional
             For a run with `t_eval`: further times, after the end of the run, at which the states are saved.
 
         Returns
         -------
         Solution
-            The run over the whole span; this one does not change. t, u and v have the same bits as those of a run with
-            the same h or tolerances, and `save_every` counts from the first state on: the last state of this solution
-            is not in the new one if it was saved only because it was the last. `drift`, `extremes`, `outputs` and the
-            counts are those of the whole span too. With tolerances, a run whose steps follow from the length of its
-            span is taken again: one from rest over less than a unit of time, or over less than its first step.
+            The run over the whole span; this solution does not change. t, u and v are bitwise the same as in one run
+            with the same h or tolerances. `save_every` counts from the first state: the last state of this solution is
+            not in the new solution if it was saved only as the last state. `drift`, `extremes`, `outputs` and the
+            counts cover the whole span. With tolerances, a run whose steps depend on the length of its span is
+            repeated: a run from rest over less than a unit of time, or over less than its first step.
 
         Raises
         ------
         ValueError
-            If t_end is not a whole number of steps after the end; the error names the nearest time that is. Also if the
-            run failed or raised an exception, or if this solution has no right-hand side: a copy and a pickle have
-            none, and `eig3.load` needs it as an argument. A run that was INTERRUPTED by Ctrl-C or `cancel`, or whose
-            process was killed, can go on. Also if `save_to` is missing, and the files of the run have states of more
-            than 2^27 bytes (134 MB).
+            If t_end is not a whole number of steps after the end; the error names the nearest valid time. If the run
+            failed or raised an exception, or if this solution has no right-hand side: a copy and a pickle have none,
+            and `eig3.load` needs it as an argument. A run that was INTERRUPTED by Ctrl-C or `cancel`, or whose process
+            was killed, can continue. If `save_to` is missing, and the files of the run have states of more than 2^27
+            bytes (134 MB).
         IntegrationError, KeyboardInterrupt, MemoryError, OSError
             As for `eig3.integrate`.
         """
@@ -360,7 +360,7 @@ class Solution:
 
     @property
     def _state(self) -> dict[str, Any] | None:
-        """The state from which the run can go on, made of numbers, texts and arrays; None if it cannot."""
+        """The state from which the run can continue, in numbers, texts and arrays; None if it cannot."""
         return self._resume() if callable(self._resume) else self._resume
 
     def _separate(self, names: Sequence[str]) -> None:
@@ -371,7 +371,7 @@ class Solution:
         self.events = {name: occurrences.of(slice(n)) for name, occurrences in self.events.items()}
 
     def _states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return t, u and v of the saved states, then of those before the jumps, then of those after the jumps."""
+        """Return t, u and v of the saved states, then before the jumps, then after the jumps."""
         jumps = [jumps for jumps in (o.jumps for o in self.events.values()) if len(jumps)]
         if not jumps:
             return self.t, self.u, self.v
@@ -381,14 +381,14 @@ class Solution:
         return t, u, v
 
     def _all_knots(self) -> Knots:
-        """Return the saved states with those before and after each jump, in the order of time."""
+        """Return the saved states and the states before and after each jump, in the order of time."""
         t, u, v = self._states()
         m = len(self.t)
         if len(t) == m:
             return Knots(t, u, v, self._known_accelerations(t, u, v, None))
         jumps = t[m : (m + len(t)) // 2]
         saved = np.searchsorted(self.t, jumps, side="right") - np.searchsorted(self.t, jumps, side="left")
-        # A jump replaces the state that was saved at its time. If there are two such states, they are the jump.
+        # A jump replaces the state that was saved at its time. Two states at the same time are a jump.
         is_knot = ~np.isin(t, jumps[saved == 1])
         is_knot[m:] = np.tile((saved < 2) & (self.t[0] <= jumps) & (jumps <= self.t[-1]), 2)
         order = np.argsort(t, kind="stable")
@@ -399,7 +399,7 @@ class Solution:
     def _known_accelerations(
         self, t: np.ndarray, u: np.ndarray, v: np.ndarray, order: np.ndarray | None
     ) -> Callable[[np.ndarray], np.ndarray] | None:
-        """Return the function of `Knots` for these states, which are `_states` in another order, if there is one."""
+        """Return the accelerations as a function for `Knots`, for `_states` in another order, if they are known."""
         if self._a is not None:
             a = self._a if order is None else np.concatenate([self._a, self._a_jumps])[order]
             return a.__getitem__
@@ -419,8 +419,8 @@ class Solution:
         Parameters
         ----------
         path : str or path
-            The file. ".npz" is added if it does not end with this. A file of this name is replaced at the moment when
-            the new one is complete.
+            The file. ".npz" is added if it does not end with this. An existing file is replaced when the new file is
+            complete.
 
         Returns
         -------
@@ -430,27 +430,27 @@ class Solution:
         Raises
         ------
         OSError
-            If the file cannot be written. What was there before is still there.
+            If the file cannot be written. An existing file is then unchanged.
         TypeError
-            If a value is neither a number, a text nor an array of them.
+            If a value is not a number, a text or an array of numbers or texts.
 
         Notes
         -----
-        The accelerations `a` are saved too, unless the right-hand side raises an exception there, and so is what
-        `explain` has found, and the state from which the run can go on. Functions are not: the right-hand side, and the
-        jacobian of the method. ``np.load`` reads the arrays without eig3.
+        The file also has the accelerations `a`, unless the right-hand side raises an exception, the result of
+        `explain`, and the state from which the run can continue. It does not have functions: the right-hand side, and
+        the jacobian of the method. ``np.load`` reads the arrays without eig3.
         """
         return storage.write(storage.RUN, self.__getstate__() | {"_resume": self._state}, storage.file(path))
 
     def to_pandas(self) -> Any:
-        """Return the saved states as a `pandas.DataFrame`, with a row for each of them.
+        """Return the saved states as a `pandas.DataFrame`, with a row for each state.
 
         Returns
         -------
         pandas.DataFrame
             The index is t. The columns are the displacements u0, u1, ... and the velocities v0, v1, ..., or x0 and v_x0
-            where the degree of freedom has the name x0, then the outputs and the quadratures. ``attrs["units"]`` has
-            the units by column, where they are known. Other `attrs` are status, message, method and h.
+            if the degree of freedom has the name x0, then the outputs and the quadratures. ``attrs["units"]`` has the
+            known units by column. Other `attrs` are status, message, method and h.
 
         Raises
         ------
@@ -481,7 +481,7 @@ class Solution:
         return frames.to_xarray(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        # What refers to compiled code cannot be pickled. The accelerations are found before it is lost.
+        # References to compiled code cannot be pickled. The accelerations are computed before they are lost.
         with contextlib.suppress(Exception):  # rhs may fail at a state at which the method does not evaluate it
             _ = self.a
         return self._kept() | {"_resume": None if callable(self._resume) else self._resume}
@@ -505,7 +505,7 @@ class Solution:
         return "\n".join(lines)
 
 
-#: The functions that make the value of a field which nobody gave.
+#: The functions that compute the default values of fields.
 _EMPTY = {each.name: each.default_factory for each in dataclasses.fields(Solution) if callable(each.default_factory)}
 
 
@@ -519,9 +519,9 @@ storage.KINDS[storage.RUN] = _loaded
 
 
 def whole_rows(solution: Solution, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return t, u and v of the saved states with all n degrees of freedom, also those of quadratures.
+    """Return t, u and v of the saved states with all n degrees of freedom, including the quadratures.
 
-    A file of `Solution.save` has the velocities of quadratures only: the displacements, which nothing reads, are NaN.
+    A file of `Solution.save` has only the velocities of quadratures: the unused displacements are NaN.
     """
     u, v = solution._whole or (solution.u, solution.v)
     if solution._whole is None and solution.quadratures:

@@ -1,4 +1,4 @@
-"""What the fields of a stored solution must be: files come from others, and a wrong type would fail much later."""
+"""Checks of the fields of a stored solution: in an untrusted file, a wrong type would fail much later."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .status import Status
 
 Test = Callable[[Any], bool]
 _MOST = 2**63 - 1  # the largest count
-#: What the state of each run has.
+#: The entries of the state of each run.
 _GOES_ON = {"t0", "t_end", "start", "params", "layout", "inline", "has_jacobian", "times", "stepper"}
 _GOES_ON_FIXED = _GOES_ON | {"h", "n_steps", "save_every", "growth"}
 _GOES_ON_VARIABLE = _GOES_ON | {"tolerances", "every", "rows", "events"}
-_DTYPES: dict[type, Any] = {float: np.float64, int: np.int64}  # of arrays; those of other kinds are of objects
+_DTYPES: dict[type, Any] = {float: np.float64, int: np.int64}  # of arrays; arrays of other kinds are arrays of objects
 
 
 def check_run(fields: Mapping[str, Any]) -> None:
@@ -42,7 +42,7 @@ def check_run(fields: Mapping[str, Any]) -> None:
 
 
 def check_ensemble(fields: Mapping[str, Any], occurrences: Any) -> None:
-    """Do the same for an ensemble. `occurrences` is the class of the occurrences of an event in all members."""
+    """Raise a ValueError if a field of an ensemble is wrong; `occurrences` is the class of event occurrences."""
     states, degrees = _shapes(fields["u"], 2)
     m = states[0]
 
@@ -63,7 +63,7 @@ def check_ensemble(fields: Mapping[str, Any], occurrences: Any) -> None:
 
 
 def _shapes(u: Any, axes: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the shape of u on its first axes, and the rest: that of the degrees of freedom."""
+    """Return the shape of u on its first axes, and on the axis of the degrees of freedom."""
     if not (_is_array(u) and u.ndim in (axes, axes + 1)):
         raise ValueError("u does not have the shape of a history.")
     return u.shape[:axes], u.shape[axes:]
@@ -72,7 +72,7 @@ def _shapes(u: Any, axes: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
 def _check(
     fields: Mapping[str, Any], states: tuple[int, ...], degrees: tuple[int, ...], tests: Mapping[str, Test]
 ) -> None:
-    """Check the columns, what every solution has beside them, and the fields that have tests."""
+    """Check the columns, the other fields of every solution, and the fields with special tests."""
     tests = {
         **{column.name: partial(_is_column, column, states, degrees) for column in COLUMNS},
         "method": lambda x: isinstance(x, Method) and x.jacobian is None,
@@ -89,7 +89,7 @@ def _check(
 
 
 def _is_column(column: Column, states: tuple[int, ...], degrees: tuple[int, ...], x: Any) -> bool:
-    first = states if column.of_states else states[:-1]  # in an ensemble, the first axis is that of the members
+    first = states if column.of_states else states[:-1]  # in an ensemble, the first axis has the members
     shape = degrees if column.shape is DEGREES else ()
 
     def is_value(x: Any, kind: type = column.kind) -> bool:
@@ -108,7 +108,7 @@ def _is_column(column: Column, states: tuple[int, ...], degrees: tuple[int, ...]
 
 
 def _are_occurrences(x: Any, degrees: tuple[int, ...]) -> bool:
-    """Whether the times and states of events fit to each other."""
+    """Whether the times and states of events match."""
     if not (_is_array(x.t) and x.t.ndim == 1):
         return False
     states = x.u, x.v, x.u_after, x.v_after
@@ -116,7 +116,7 @@ def _are_occurrences(x: Any, degrees: tuple[int, ...]) -> bool:
 
 
 def _is_state(x: Any, has_steps: bool) -> bool:
-    """Whether a run may go on from here; what it has of numbers and arrays is checked when it goes on."""
+    """Whether a run can continue from this state; its numbers and arrays are checked when it continues."""
     if not isinstance(x, dict) or not (x.keys() == _GOES_ON_FIXED or (has_steps and x.keys() == _GOES_ON_VARIABLE)):
         return False
     has_flags = isinstance(x["inline"], bool) and isinstance(x["has_jacobian"], bool)

@@ -11,21 +11,20 @@ class Status(enum.Enum):
     COMPLETED
         The run reached the end of its span.
     DIVERGED
-        The state became infinite or NaN, or the motion grew beyond doubt because the step is too long.
+        The state became infinite or NaN, or the motion grew because the step is unstable.
     NOT_CONVERGED
         The solve of an implicit step did not converge.
     INTERRUPTED
         Ctrl-C, a cancellation, or an exception in a function of the user ended the run, or its process was killed.
     TERMINATED
-        A terminal event ended the run, as it should.
+        A terminal event ended the run, as intended.
     STEP_TOO_SMALL
         The tolerances need a step below the resolution of t.
     TOO_MANY_STEPS
         The run took `max_steps` steps before the end of its span.
     ZENO
-        Events with `apply` follow each other in times below the resolution of the run, as the impacts of a ball that
-        comes to rest do. Or the state rests on the surface of such an event and is pushed through it, as a ball is that
-        does not rebound.
+        The times between events with `apply` became shorter than the resolution of the run, as for a ball that comes to
+        rest. Or the state rests on the surface of such an event and is pushed through it, as a ball without rebound.
     """
 
     COMPLETED = "completed"

@@ -1,4 +1,4 @@
-"""Solutions in files and directories: arrays of NumPy, and a record in JSON of the rest. Nothing is pickled."""
+"""Solutions in files and directories: NumPy arrays, and a JSON record of the other values. Nothing is pickled."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ from .labels import Labels
 from .mapped import DamagedFileError, MappedRows, check_directory, output_files, read_mapped
 from .status import Status
 
-_VERSION = 6  # raise it with every change that another eig3 would read wrongly
+_VERSION = 6  # increase it with every change that another version would misread
 _RECORD = "eig3"  # the name of the record among the arrays
 _RUN = "run.npz"  # the file with everything but the rows, in a directory of `save_to`
-_TRIALS, _PAUSE = 5, 0.02  # to read or replace a file that another process uses, and the seconds between them
-_LEAST_PAUSE, _LARGEST_SHARE = 0.1, 0.05  # seconds between two records of a run, and the part of its time they may take
+_TRIALS, _PAUSE = 5, 0.02  # attempts to read or replace a file that another process uses, and the seconds between them
+_LEAST_PAUSE, _LARGEST_SHARE = 0.1, 0.05  # seconds between two records of a run, and their largest share of its time
 #: The records that a file may have among its values, by name.
 PARTS: dict[str, Any] = {kind.__name__: kind for kind in (Extremes, Labels, Occurrences)}
 RUN = "run"  # the kind of a file with one run
-#: Functions that return what a file of each kind has, from the fields in it.
+#: Functions that make the object of a file of each kind from its fields.
 KINDS: dict[str, Callable[[dict[str, Any]], Any]] = {}
-#: Functions that read a directory of each kind, by a file that it has.
+#: Functions that read a directory of each kind, by the name of a file in it.
 DIRECTORIES: dict[str, Callable[[Path], Any]] = {}
 WITHOUT_JACOBIAN = "The jacobian of the method is a function, which a file does not keep: give it again for a new run."
 
 
 class _UnknownMethodError(ValueError):
-    """The file is sound, but the class of its method is not known."""
+    """The file is valid, but the class of its method is not known."""
 
 
 @dataclasses.dataclass
 class Place:
-    """Where a run saves its rows, and what it saves beside them.
+    """The directory of a run, for its rows and its record.
 
     Attributes
     ----------
     directory : Path
     labels : Labels or None
-        Those of the problem that runs.
+        The labels of the problem.
     quadratures : tuple of str
         The names of quadratures, whose values are the last velocities of a row.
     """
@@ -60,7 +60,7 @@ class Place:
     directory: Path
     labels: Labels | None = None
     quadratures: tuple[str, ...] = ()
-    _next: float = dataclasses.field(default=0.0, init=False)  # the time of the next record of a run that goes on
+    _next: float = dataclasses.field(default=0.0, init=False)  # the time of the next record of a running run
 
     @classmethod
     def of(cls, save_to: Any, labels: Labels | None = None, quadratures: tuple[str, ...] = ()) -> Place:
@@ -72,15 +72,15 @@ class Place:
         return cls(directory, labels, quadratures)
 
     def keep(self, files: MappedRows, rows: int, solution: Callable[[], Any]) -> None:
-        """Write now and then what a run has found so far: what is left if its process is killed.
+        """Write a record of the run at intervals, which remains if the process is killed.
 
         Parameters
         ----------
         files : MappedRows
         rows : int
-            Number of rows that are complete in them.
+            Number of complete rows in the files.
         solution : callable
-            It returns the run up to these rows.
+            A function that returns the run up to these rows.
         """
         begin = time.perf_counter()
         if begin >= self._next:
@@ -89,7 +89,7 @@ class Place:
             self._next = end + max(_LEAST_PAUSE, (end - begin) / _LARGEST_SHARE)
 
     def write(self, solution: Any, files: MappedRows, rows: int, *, has_ended: bool) -> None:
-        """Write what a `Solution` has beside its rows, whose number in the files is `rows`."""
+        """Write the values of a `Solution` except its rows, whose number in the files is `rows`."""
         fields = {name: value for name, value in solution._kept().items() if name not in OF_STATES}
         fields |= {"_resume": solution._state, "labels": self.labels}
         rest = {"outputs": list(solution.outputs), "quadratures": self.quadratures, "has_ended": has_ended}
@@ -98,9 +98,9 @@ class Place:
 
 
 def write(kind: str, fields: dict[str, Any], target: Path, *, is_lasting: bool = True, **rest: Any) -> Path:
-    """Write the fields of what is of a kind, and `rest` in the record beside them.
+    """Write the fields of an object of a kind, and `rest` in its record.
 
-    Afterwards the file has all of it, or what it had before. If it is lasting, that holds after a power failure too.
+    The file is replaced as a whole or not at all; if `is_lasting`, also in a power failure.
     """
     if fields["method"].jacobian is not None:
         fields = fields | {"notes": (*fields["notes"], WITHOUT_JACOBIAN)}
@@ -113,7 +113,7 @@ def write(kind: str, fields: dict[str, Any], target: Path, *, is_lasting: bool =
             np.savez(stream, **arrays)  # type: ignore[arg-type]
             stream.flush()
             if is_lasting:
-                os.fsync(stream.fileno())  # a system may find only now that the disk is full
+                os.fsync(stream.fileno())  # a system may report only here that the disk is full
         _rename(temporary, target)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -123,7 +123,7 @@ def write(kind: str, fields: dict[str, Any], target: Path, *, is_lasting: bool =
 
 
 def _rename(source: Path, target: Path) -> None:
-    """Replace a file by another one. Windows refuses this while another process reads the file."""
+    """Replace a file by another file. Windows refuses this while another process reads the file."""
     for _ in range(_TRIALS - 1):
         with contextlib.suppress(PermissionError):
             source.replace(target)
@@ -133,7 +133,7 @@ def _rename(source: Path, target: Path) -> None:
 
 
 def load(path: str | PathLike[str]) -> Any:
-    """Read what `save` or a run with `save_to` has written, as `eig3.load` describes it."""
+    """Read a file of `save`, or a directory of `save_to`, as `eig3.load` describes."""
     target = Path(path)
     for name, read in DIRECTORIES.items():
         if (target / name).is_file():
@@ -147,13 +147,13 @@ def load(path: str | PathLike[str]) -> Any:
 def _of_kind(
     record: Mapping[str, Any], arrays: Mapping[str, np.ndarray], given: Mapping[str, Any] | None = None
 ) -> Any:
-    """Return what has the fields of a record, and those that are `given`."""
+    """Return the object with the fields of a record, and the fields `given`."""
     fields = {name: _value(plain, arrays) for name, plain in record["solution"].items()}
     return KINDS[record["kind"]](fields | dict(given or {}))
 
 
 def _load_directory(directory: Path) -> Any:
-    """Read a directory. If its run ends at this moment, its files change between two of them that are read."""
+    """Read a directory. If its run ends at this moment, its files may change between two reads."""
     for _ in range(_TRIALS - 1):
         try:
             return _read(directory / _RUN, partial(_solution_in, directory))
@@ -163,7 +163,7 @@ def _load_directory(directory: Path) -> Any:
 
 
 def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str, np.ndarray]) -> Any:
-    """Return the solution from the files of a directory, and the record and arrays that are not rows."""
+    """Return the solution from the rows in a directory, and from its record and other arrays."""
     rows, files = record["rows"], output_files(record["outputs"])
     if not (isinstance(rows, int) and rows >= 0):
         raise ValueError(f"{rows} is not a number of rows.")
@@ -208,7 +208,7 @@ def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.n
 
 
 def _arrays(stream: Any) -> Mapping[str, np.ndarray]:
-    """Return the arrays of a file, which are read when they are asked for."""
+    """Return the arrays of a file, which are read on access."""
     arrays = np.load(stream, allow_pickle=False)
     if any(member.compress_type != zipfile.ZIP_STORED for member in arrays.zip.infolist()):
         raise ValueError("Solution.save compresses no array: it could be larger than memory.")
@@ -217,13 +217,13 @@ def _arrays(stream: Any) -> Mapping[str, np.ndarray]:
 
 @contextlib.contextmanager
 def going_on() -> Iterator[None]:
-    """While a run takes the state of a file, say of each error that the state is damaged."""
+    """Convert errors while a run takes the state of a file to errors about the file."""
     try:
         yield
     except Exception as error:
         raise ValueError(
-            f"the run cannot go on from its file ({error}): give the functions of the run; if they are these, the file "
-            "is damaged."
+            f"the run cannot be continued from its file ({error}): give the functions of the run; if they are right, "
+            "the file is damaged."
         ) from error
 
 
@@ -233,7 +233,7 @@ def file(path: str | PathLike[str]) -> Path:
 
 
 def _plain(value: Any, key: str, arrays: dict[str, np.ndarray]) -> Any:
-    """Return a value as JSON has it, with its arrays put into `arrays` under names that begin with `key`."""
+    """Return a value in JSON types; its arrays go to `arrays` under names that begin with `key`."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | float | str):
@@ -273,7 +273,7 @@ def _plain_method(method: Method, key: str, arrays: dict[str, np.ndarray]) -> An
 
 def _method_class(name: str, qualname: str) -> Any:
     """Return the record class of this name, or None."""
-    # "eig9" stands for a function that makes an EIG, and EIG(grade=3) has the name of another class.
+    # "eig9" is a function that returns an EIG, and EIG(grade=3) has the name of another class.
     classes = (getattr(entry, "func", entry) for entry in (METHODS.get(name), *METHODS.values()))
     return next((cls for cls in classes if cls is not None and cls.__qualname__ == qualname), None)
 

@@ -1,1 +1,1 @@
-"""A run from its start to its end: `integrate`, and what it follows and saves on the way."""
+"""Runs of one system: `integrate`, prepared runs, and the saved history."""

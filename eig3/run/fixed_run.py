@@ -27,7 +27,7 @@ from .history import History
 from .progress import check_progress
 from .run import Run
 
-_LARGEST_GRADE = 7  # of EIG for a force that reads the velocity, before a note advises against it
+_LARGEST_GRADE = 7  # with a higher grade of EIG and a force that reads the velocity, a note advises against it
 
 
 class FixedRun(Run):
@@ -37,9 +37,9 @@ class FixedRun(Run):
     ----------
     n_steps : int
     t_end : float
-        The time after the last step, from which t0 + n h may differ by round-off.
+        The time after the last step; t0 + n h may differ from it by round-off.
     save_every : int or None
-        As the user has given it.
+        As given by the user.
     stepper, times, place, progress, history
         As for `Run`.
     """
@@ -152,7 +152,7 @@ class FixedRun(Run):
         return History(state, functions.shapes, n_rows(n_steps, every), directory, has_times=False, has_steps=False)
 
     def _left(self) -> int:
-        # A look in the middle of the run shows the size of a motion that starts at rest.
+        # The state in the middle of the run shows the size of a motion that starts at rest.
         half = self.n_steps // 2
         end = half if self.growth.needs_half and self.stepper.index < half else self.n_steps
         return end - self.stepper.index
@@ -231,7 +231,7 @@ class FixedRun(Run):
             first, count = self._n_times, self.history.count
             new = self._grid(count, first) if self.times is None else self.times[first:count]
             self.history.arrays["t"][first:count] = new
-            self._n_times = max(0, count - 1)  # the last one may be that of the end of the run
+            self._n_times = max(0, count - 1)  # the last time may be the end of the run
 
     def _fields(self) -> dict[str, Any]:
         return {"h": self.stepper.h}
@@ -271,12 +271,12 @@ class FixedRun(Run):
         return self.stepper.index
 
 
-# The history of a loaded run, whose saved states are in its solution.
+# The history of a loaded run, whose saved states are in the solution.
 _EMPTY = History((), {}, 0, has_times=False, has_steps=False)
 
 
 def grid(t0: float, h: float, every: int, count: int, index: int, t_end: float, first: int = 0) -> np.ndarray:
-    """Return the times of the rows from `first` to `count` of a run that has come to step `index`, at t_end."""
+    """Return the times of the rows from `first` to `count` of a run that has reached step `index`, at t_end."""
     t = np.empty(count - first)
     whole = t[: min(count, index // every + 1) - first]  # the last row may be off the grid
     whole[:] = np.arange(first, first + len(whole))
@@ -294,7 +294,7 @@ def stride(save_every: int | None, n_steps: int) -> int:
 
 
 def steps_until(stepper: Stepper, t_end: float) -> int:
-    """Return the number of steps of a run that goes on from the state of a stepper to t_end."""
+    """Return the number of steps from the state of a stepper to t_end."""
     t_end, t0, h = check_time(t_end, "t_end"), stepper.t0, stepper.h
     check_resolution(h, t0, t_end)
     n_steps = max(stepper.index + 1, round((t_end - t0) / h))
@@ -314,7 +314,7 @@ def divide(span: float, h: float) -> tuple[int, float]:
         raise ValueError(
             f"h must be at least {span / 2**53:.3g} for this t_span, so that steps can be counted, not {h}."
         )
-    # If h divides the span except for round-off, there must not be one more step.
+    # If h divides the span except for round-off, one more step must not be added.
     nearest = round(ratio)
     n_steps = max(1, nearest if math.isclose(ratio, nearest, rel_tol=1e-12) else math.ceil(ratio))
     return n_steps, span / n_steps

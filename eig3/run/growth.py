@@ -9,17 +9,17 @@ from typing import Any
 from ..functions.guard import Sizes
 from ..stepping.stepper import Stepper
 
-STRANGE = 1e3  # from this multiple of its natural size on, the motion may be unstable
-BLOWN_UP = 1e4  # from this multiple of its natural size on, a search for an instability is worth its time
+STRANGE = 1e3  # beyond this multiple of its natural size, the motion may be unstable
+BLOWN_UP = 1e4  # beyond this multiple of its natural size, a search for an instability is worth its time
 OVERFLOWING = 1e100  # a motion of this size is suspect, whatever its natural size is
 
 
 def natural_sizes(first: Sizes, span: Any) -> tuple[Any, Any]:
     """Return the natural sizes of u and v, from the sizes at the start and the length of the span.
 
-    That of v is the largest |v| at the start, plus the change of v that the acceleration at the start would cause over
-    the whole span. That of u is the largest |u| at the start, plus the change of u that the natural size of v would
-    cause.
+    The natural size of v is the largest |v| at the start, plus the change of v that the acceleration at the start would
+    cause over the whole span. The natural size of u is the largest |u| at the start, plus the change of u that the
+    natural size of v would cause.
     """
     u, v, a = first
     v_natural = v + span * a
@@ -27,7 +27,7 @@ def natural_sizes(first: Sizes, span: Any) -> tuple[Any, Any]:
 
 
 class Growth:
-    """The size of the motion, which is looked at now and then, relative to its natural size.
+    """The size of the motion relative to its natural size, measured at intervals.
 
     See `natural_sizes`. If a motion starts at rest without acceleration, its natural size is its size in the
     middle of the span.
@@ -52,13 +52,13 @@ class Growth:
         return other
 
     def kept(self) -> dict[str, Any]:
-        """Return what this observer needs to go on, in numbers and arrays."""
+        """Return the state of this observer, in numbers and arrays."""
         strange = None if self._strange is None else self._strange.kept()
         sizes = {"natural": self._natural, "half": self._half, "size": self._size}
         return {**sizes, "is_overflowing": self._is_overflowing, "strange": strange}
 
     def restore(self, kept: Mapping[str, Any], stepper: Stepper) -> None:
-        """Become the observer that has returned `kept`; `stepper` is that of the run."""
+        """Restore the state `kept`; `stepper` is the stepper of the run."""
         u, v = kept["natural"]
         self._natural, self._half, self._size = (float(u), float(v)), int(kept["half"]), float(kept["size"])
         self._is_overflowing = bool(kept["is_overflowing"])
@@ -68,11 +68,11 @@ class Growth:
 
     @property
     def needs_half(self) -> bool:
-        """Whether the size should be looked at in the middle of the run."""
+        """Whether the size should be measured in the middle of the run."""
         return self._natural[1] == 0
 
     def see(self, stepper: Stepper, first: int) -> None:
-        """Look at the size of the motion after the steps since step index `first`."""
+        """Measure the size of the motion after the steps since step index `first`."""
         u, v = stepper.sizes
         if self._natural[1] == 0 and stepper.index >= self._half > first:
             self._natural = u, v

@@ -14,9 +14,9 @@ from ..result.mapped import MappedRows, output_files
 from ..result.memory import NOT_WORTH_A_LOOK, available_memory
 from ..stepping.march import Rows
 
-FIRST_ROWS = 64  # rows of the first block of a run whose number of rows is not known; each further one doubles them
-# The largest size of a block. A smaller one could come from a heap of the C library, which does not give the memory of
-# a freed block back to the system.
+FIRST_ROWS = 64  # rows of the first block if the number of rows is not known; each further block doubles them
+# The largest size of a block. A smaller block could come from the heap of the C library, which does not return the #
+# memory of a freed block to the system.
 _BLOCK_BYTES = 2**27
 _NONE = np.empty(0)
 
@@ -24,9 +24,9 @@ _NONE = np.empty(0)
 class History:
     """The saved states of a run, with the values of its outputs.
 
-    The kernel writes rows of the present block. In memory, a full block is put aside, and `whole` makes whole arrays of
-    the blocks: it needs the memory of one more block only, because it gives each back before it takes the next. In
-    files, there is one block, which grows.
+    The kernel writes rows of the present block. In memory, a full block is stored, and `whole` joins the blocks: it
+    needs the memory of only one more block, because it frees each block after copying it. In files, there is one
+    growing block.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class History:
     outputs : dict of str to tuple of int
         The shapes of the values of outputs in a row, by name.
     rows : int
-        The number of rows to make room for.
+        The number of rows to reserve.
     directory : Path, optional
         Save the rows in files of this directory.
     has_times, has_steps : bool
@@ -104,7 +104,7 @@ class History:
         self.row += 1
 
     def _by_file(self, values: Mapping[str, Any], outputs: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-        """Yield the name of an array of the block, and what belongs there. An output may have the name of a row."""
+        """Yield the name of each array of the block, and its values. An output may have the name of a row."""
         for name, value in values.items():
             if name in self.arrays:
                 yield name, value
@@ -117,7 +117,7 @@ class History:
         return {name: array[row - 1] for name, array in arrays.items()}
 
     def make_room(self) -> None:
-        """Make the present block longer, or begin another one.
+        """Extend the present block, or begin another block.
 
         Raises
         ------
@@ -139,7 +139,7 @@ class History:
 
     def _check(self, size: int, row_bytes: int) -> None:
         """Raise a MemoryError if there is no memory for so many bytes more, and for the end of the run."""
-        joining = 2 * min(size, _BLOCK_BYTES)  # the block that is copied, and those that are too small to be given back
+        joining = 2 * min(size, _BLOCK_BYTES)  # the copied block, and blocks too small to be returned to the system
         if size + joining > (free := available_memory()):
             raise MemoryError(
                 f"the history has {self.count * row_bytes:.3g} bytes and {free:.3g} are free; take a larger "
@@ -169,7 +169,7 @@ class History:
         return {name: values[: self.row] for name, values in self.outputs.items()}
 
     def _join(self) -> None:
-        """Make one block of all. Each block is freed as soon as it is copied, because both may not fit in memory."""
+        """Join all blocks. Each block is freed as soon as it is copied, because two copies may not fit in memory."""
         self._full.append((self.arrays, self.row))
         joined, begin = self._block(self.count), 0
         self.arrays = joined
@@ -182,7 +182,7 @@ class History:
         self.row, self._put_aside = begin, 0
 
     def close(self) -> None:
-        """Cut files after their last row. They can only be read from here on."""
+        """Cut files after their last row. After this they are read-only."""
         if self.files:
             self.files.count = self.row
             self.files.close()

@@ -63,27 +63,28 @@ def integrate(
         The fixed step. If it does not divide the span, the run takes the next shorter step that does.
     rtol, atol : float; atol also array_like, shape (n,) or (2, n)
         Tolerances, which bound the estimated error of each step by ``atol + rtol * size``. Without atol, a size is the
-        largest |u| so far of a degree of freedom, or its largest |v|; with atol, it is that of the value itself.
+        largest |u| or |v| of the degree of freedom so far; with atol, it is the current |u| or |v|.
     params : float or array_like; or NamedTuple or dict
         The parameters. rhs gets them as p, a one-dimensional array of float64, or with their names, as ``p.k``.
     method : str or Method
-        A name in `eig3.METHODS` such as "eig9", or a record such as ``EIG3(alpha=1.2)``; by default "eig3". With rtol
-        "rk5", "rk8", "eig3" or "rkn12", which is the default up to 1e-6 if rhs ignores v; else "rk8" below 1e-4.
+        A name in `eig3.METHODS` such as "eig9", or a record such as ``EIG3(alpha=1.2)``; by default "eig3". With rtol:
+        "rkn12" (default up to 1e-6 if rhs ignores v), "rk8" (default below 1e-4), "rk5" or "eig3".
     save_every : int or None
         Save every `save_every`-th state, the first and the last. None saves only the first and the last.
     t_eval : array_like, shape (m,)
         Save the states at these increasing times instead, from the dense output within the steps.
     events : dict of str to Event
-        Functions of the state whose zeros are found, by name; see `eig3.Event`.
+        Events by name: functions of the state, whose zeros the run locates; see `eig3.Event`.
     invariants : dict of str to jitted function
-        Functions ``e(t, u, v, p) -> float`` by name. The solution has their `drift` and `extremes`.
+        Functions ``e(t, u, v, p) -> float`` by name that the motion should conserve. The solution has their `drift` and
+        `extremes`.
     outputs : dict of str to jitted function, or to (jitted function, k)
         Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values, by name. `solution.outputs` has
         their values at the saved states, and `solution.extremes` their extremes over the run.
     invariants_every : int
-        Evaluate the invariants after about every `invariants_every`-th step only, and more often in the first steps.
+        Evaluate the invariants after about every `invariants_every`-th step only, and more often at first.
     h_max, first_step, max_steps : float, float, int
-        With rtol: the longest and the first step, and the number of steps after which the run ends.
+        With rtol: the longest step, the first step, and the largest number of steps.
     inline : bool
         Compile the loop with rhs inside: faster for long runs, for about a second of compilation.
     progress, raise_on_failure : bool
@@ -91,12 +92,12 @@ def integrate(
     cancel : threading.Event
         Set it in another thread to end the run.
     save_to : str or path
-        A new or empty directory, to which the run writes its history while it goes on; `eig3.load` reads it.
+        A new or empty directory, to which the run writes its history as it computes; `eig3.load` reads it.
 
     Returns
     -------
     Solution
-        Its `status` says how the run ended. A run that fails returns the states up to the last good one.
+        Its `status` says how the run ended. A run that fails returns the states up to the last valid state.
 
     Raises
     ------
@@ -105,8 +106,8 @@ def integrate(
     MemoryError, OSError
         The history does not fit in memory, or on the disk of `save_to`.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` is the run up to then; None if no run had started. What rhs raises is
-        raised too, with the same attribute.
+        After Ctrl-C. Its attribute `solution` is the run so far; None if no run had started. Exceptions from rhs have
+        the same attribute.
     """
     u, v, form = check_state(u0, v0)
     params = named(params)

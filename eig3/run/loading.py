@@ -1,4 +1,4 @@
-"""Load a saved run, with the functions that it needs to go on."""
+"""Load a saved run, with the functions that it needs to continue."""
 
 from __future__ import annotations
 
@@ -41,33 +41,32 @@ def load(
     path : str or path
         The file, to which ".npz" is added if it does not end with this, or the directory of `save_to`.
     rhs : jitted function, optional
-        The right-hand side of the run. The solution can then go on with `extend`, as the one that `integrate` returned.
-        `Problem.load` loads a run of a problem in this way.
+        The right-hand side of the run. The solution then has `extend`, as a solution from `integrate`. `Problem.load`
+        loads a run of a problem in this way.
     events, invariants, outputs : dict, optional
         With rhs: the events and functions of the run, as for `eig3.integrate`.
     jacobian : jitted function, optional
-        With rhs: that of the method, if it had one.
+        With rhs: the jacobian of the method, if it has one.
 
     Returns
     -------
     Solution or EnsembleSolution
-        The numbers are the saved ones, to the last bit. Without rhs, `explain` returns what it had found before, and
-        `at` takes the saved accelerations. A directory has none of these, so that `at` is a cubic polynomial. Its t, u,
-        v and outputs are maps of files that can only be read. `load` reads these files once, to compare the checksum
-        of their rows with that which the run has written. If the process of its run was killed, or is still
-        running, the status is INTERRUPTED, and the solution is the run up to the last record that it wrote: some tenths
-        of a second of computing before, or somewhat more for a large system, so that records take at most a twentieth
-        of the time. An ensemble needs rhs for `at` of its members. Of a directory, it has the members of the parts that
-        were finished; the status of the others is INTERRUPTED.
+        The values are bitwise the saved values. Without rhs, `explain` returns an earlier result, and `at` uses the
+        saved accelerations. A directory has no accelerations, and `at` is then a cubic polynomial; t, u, v and outputs
+        are read-only maps of the files. `load` reads these files once, to compare their checksums. If the process of
+        the run was killed, or is still running, the status is INTERRUPTED, and the solution ends at the last record:
+        some tenths of a second of computing earlier, or more for a large system, because records take at most a
+        twentieth of the time. An ensemble needs rhs for `at` of its members. From a directory, it has the members of
+        the finished parts; the status of the others is INTERRUPTED.
 
     Raises
     ------
     OSError
         If the file cannot be read.
     TypeError, ValueError
-        If it is not a file of `Solution.save`, is damaged or comes from another version of eig3, or if its method is a
-        class of the user that is not imported yet. With rhs, if the run cannot go on, or the functions are not those of
-        the run: their names are checked, but not what they compute. The parameters are those of the file.
+        If the file is not from `Solution.save`, is damaged or comes from another version of eig3, or if its method is a
+        class of the user that is not imported yet. With rhs, if the run cannot be continued, or the names of the
+        functions differ from the run; only the names are checked. The parameters come from the file.
 
     Notes
     -----
@@ -102,7 +101,7 @@ def with_functions(
         why = "it is a copy, is a member of an ensemble, or ended with an exception"
         if not solution.can_go_on:
             why = f"its status is {solution.status.name}"
-        raise ValueError(f"this run cannot go on: {why}; load it without functions.")
+        raise ValueError(f"this run cannot be continued: {why}; load it without functions.")
     if state["layout"]:
         with storage.going_on():
             layout = Layout.of_text(state["layout"])
@@ -114,7 +113,7 @@ def with_functions(
     for argument, known in names.items():
         if set(known) != set(given[argument]):
             wanted = ", ".join(map(repr, known)) or "none"
-            raise ValueError(f"{argument} must have the names of those of the run: {wanted}.")
+            raise ValueError(f"{argument} must have the same names as in the run: {wanted}.")
         given[argument] = {name: given[argument][name] for name in known}
     if (jacobian is not None) != state["has_jacobian"]:
         what = "the method of the run has a jacobian: give" if jacobian is None else "the run has none: leave out"

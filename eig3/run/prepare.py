@@ -1,4 +1,4 @@
-"""Prepare a run once, and run it many times: all checks, compilation and choices are made before the first run."""
+"""Prepare a run once and run it many times: all checks, choices and compilation happen before the first run."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ from .run import Run, carry_out
 from .variable_run import VariableRun
 
 _WITHOUT_NAMES = np.ndarray, tuple, list, float, int  # a NamedTuple is of another type
-_LONGER = 4  # a run with tolerances may be short if it takes at most so many times as long as the last one
-_LEAST_PACE = 1e-10  # seconds per step; a coarse clock may have measured none
-_SHORT = 1e-12  # a step of this part of the time may be too short for floating-point times
+_LONGER = 4  # a run with tolerances counts as short if it takes at most this many times as long as the last run
+_LEAST_PACE = 1e-10  # seconds per step; a coarse clock may measure 0
+_SHORT = 1e-12  # a step shorter than this fraction of the time may be too short for floating-point times
 
 
 class Prepared:
-    """A run that is prepared: call it with a span and a start as often as you like, in any thread.
+    """A prepared run: call it with a span and initial values as often as you like, in any thread.
 
-    `eig3.prepare` and `Problem.prepare` return it. A call takes some microseconds more than its steps.
+    `eig3.prepare` and `Problem.prepare` return it. A call takes some microseconds in addition to its steps.
 
     Attributes
     ----------
@@ -100,8 +100,8 @@ class Prepared:
         t_span : (float, float)
         u0, v0 : float or array_like, shape (n,)
         params : float or array_like, NamedTuple or dict
-            What is left out is that of the problem, for a run that `Problem.prepare` has prepared. Other runs need a
-            span and a start.
+            Arguments left out have the values of the problem, for a run from `Problem.prepare`. Other runs need a span
+            and initial values.
         progress, raise_on_failure, cancel, save_to
             As for `eig3.integrate`.
 
@@ -133,13 +133,13 @@ class Prepared:
         return solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
 
     def member(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, cancel: Cancel | None) -> Solution:
-        """Run a member of an ensemble, whose start is checked already. A short run does not look at `cancel`."""
+        """Run a member of an ensemble from a checked start. A short run ignores `cancel`."""
         start = span, *self._with_quadratures(u, v), guarded(params)
         solution = self._if_short(*start)
         return solution or carry_out(partial(self._begin, *start, False, None), cancel, raise_on_failure=False)
 
     def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
-        """Return a stepper at a checked start. It has refused what the right-hand side or the method do not accept."""
+        """Return a stepper at a checked start, after the checks of the right-hand side and the method."""
         start = span, *self._with_quadratures(u, v), guarded(params), None
         return self._variable_stepper(*start) if self.options.tolerances else self._fixed_stepper(*start)[0]
 
@@ -150,7 +150,7 @@ class Prepared:
         return np.append(u, zeros), np.append(v, zeros)
 
     def _if_short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
-        """Run in one call of the kernel; return None if the run is long, or if it may not end well."""
+        """Run in one call of the kernel; return None if the run is long, or may not complete."""
         tolerances = self.options.tolerances
         try:
             times, every = None if self._t_eval is None else self._times_in(span), self._every
@@ -175,7 +175,7 @@ class Prepared:
         except KeyboardInterrupt as error:
             error.solution = None  # type: ignore[attr-defined]
             raise
-        except Exception:  # a `Run` raises it again, with the solution up to then
+        except Exception:  # a `Run` raises it again, with the solution so far
             return None
 
     def _wrong_form(self, u0: Any) -> ValueError:
@@ -196,7 +196,7 @@ class Prepared:
         return FixedRun(fixed, n_steps, span[1], options.save_every, times, place, progress).begin()
 
     def _times_in(self, span: tuple[float, float]) -> np.ndarray:
-        """Return the times of t_eval, which are checked once for each span that differs from the last one."""
+        """Return the times of t_eval, checked whenever the span has changed."""
         checked, times = self._checked_times
         if checked != span:
             times = np.array(check_times(self._t_eval, *span))
@@ -232,7 +232,7 @@ class Prepared:
 
 
 def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
-    """Check, choose and compile all that runs of a right-hand side need, for many runs with different starts.
+    """Check the options, choose the method and compile the code, for many runs with different initial values.
 
     Parameters
     ----------
@@ -240,18 +240,17 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
         The acceleration, in one of the two forms that `eig3.integrate` takes: with four arguments for one degree of
         freedom, with five for n.
     params : NamedTuple or dict, optional
-        The parameters, or an example of them, if they have names: ``prepare(rhs, h=0.01, params={"k": 4.0})``. Those of
-        a run may have arrays of other sizes. Parameters without names are for each call only.
+        An example of the parameters if they have names: ``prepare(rhs, h=0.01, params={"k": 4.0})``. In a call, the
+        arrays may have other sizes. Pass parameters without names only to each call.
     **options
-        As for `eig3.integrate`, without those of a call, which are progress, raise_on_failure, cancel and save_to. The
-        run has its own copies of them.
+        As for `eig3.integrate`, without the options of a call, which are progress, raise_on_failure, cancel and
+        save_to. The prepared run copies them.
 
     Returns
     -------
     Prepared
-        Call it as ``prepared(t_span, u0, v0, params)``: it returns the `Solution` that `eig3.integrate` would return,
-        with the same bits, some microseconds after its last step. It is safe in threads, and can be pickled where rhs
-        can be pickled.
+        Call it as ``prepared(t_span, u0, v0, params)``: it returns bitwise the same `Solution` as `eig3.integrate`,
+        some microseconds after its last step. It is thread-safe, and can be pickled if rhs can be pickled.
 
     Raises
     ------
@@ -262,8 +261,8 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
 
     Notes
     -----
-    Values of global variables are those of the time when the run was prepared. With ``inline=True``, the loop is
-    compiled at the first call for a number of degrees of freedom.
+    Global variables keep the values that they had when the run was prepared. With ``inline=True``, the loop is compiled
+    at the first call for a number of degrees of freedom.
     """
     if params is not None and not has_names(params):
         raise TypeError("params is for parameters with names; give an array to each call: prepared(t_span, u0, v0, p).")

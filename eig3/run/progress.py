@@ -17,7 +17,7 @@ def check_progress(progress: bool) -> None:
 
 
 class Progress:
-    """A progress bar. If it is not `shown`, it does nothing."""
+    """A progress bar, which does nothing unless `shown`."""
 
     def __init__(self, total: int, unit: str, shown: bool = True) -> None:
         self._bar: Any = None

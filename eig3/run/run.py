@@ -1,4 +1,4 @@
-"""A run from its start to its end: one loop calls the kernel for runs with a fixed step and with tolerances alike."""
+"""The loop of a run, which calls the kernel in chunks, for fixed steps and for tolerances."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from ..stepping.system import System
 from .history import History
 from .progress import Progress
 
-_CHUNK_SECONDS = 0.1  # duration of a chunk of steps, after which a run is looked at
+_CHUNK_SECONDS = 0.1  # duration of a chunk of steps, after which the run is checked
 COMPLETED = "The run reached the end of its span."
-_LEAST_STEPS = 100  # between two looks for entries of a that rhs does not write, so that they take little time
+_LEAST_STEPS = 100  # between two checks for entries of a that rhs does not write, to limit their cost
 _FAST = 1e3  # a growth above this is not called slow
-_MOST_JOINED = 2**27  # bytes of states in files that a run which goes on in memory copies
+_MOST_JOINED = 2**27  # bytes of states in files that `extend` copies into memory
 _OVERFLOW = "beyond the largest floating-point number,"
 
 
@@ -41,7 +41,7 @@ class IntegrationError(RuntimeError):
     Attributes
     ----------
     solution : Solution
-        The part of the run that was computed.
+        The computed part of the run.
     """
 
     def __init__(self, solution: Solution) -> None:
@@ -60,7 +60,7 @@ class Stop:
         self._until = 0.0
 
     def is_final(self) -> bool:
-        """Return whether the run should end too."""
+        """Return whether the whole run should end."""
         return any(event.is_set() for event in self._asked)
 
     def begin_chunk(self) -> None:
@@ -76,7 +76,7 @@ class Run:
     Parameters
     ----------
     stepper : Stepper or VariableStepper
-        It stands where the run begins.
+        Its state is the start of the run.
     every : int
         Every `every`-th state is saved; `NEVER` saves the first and the last.
     times : ndarray or None
@@ -85,14 +85,14 @@ class Run:
         Where the run saves its rows.
     progress : bool
     history : History, optional
-        For its rows; by default an empty one, with room for them.
+        For the rows; by default an empty history with space for them.
 
     Attributes
     ----------
     status : Status
     message : str
     reason : callable or None
-        What `Solution.explain` calls.
+        The function that `Solution.explain` calls.
     """
 
     def __init__(
@@ -115,24 +115,24 @@ class Run:
         self._looked_at = stepper.index
         self._refer()
 
-    # What differs between a fixed step and tolerances -----------------------------------------------------------------
+    # Differences between a fixed step and tolerances -----------------------------------------------------------------
 
     @classmethod
     def restored(cls, solution: Solution, system: System) -> Run:
-        """Return the run of a loaded solution, which stands at its end; the names of its functions are right."""
+        """Return the run of a loaded solution, at its end; the names of its functions are checked."""
         raise NotImplementedError
 
     def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any) -> Run:
-        """Return an independent run to a later end, which stands where this one ended."""
+        """Return an independent run to a later end, which starts at the end of this run."""
         raise NotImplementedError
 
     def _empty_history(self) -> History:
-        """Return an empty history with room for rows.
+        """Return an empty history with space for rows.
 
         Raises
         ------
         MemoryError, OSError
-            If it does not fit in memory, or on the disk if it has a place there.
+            If the history does not fit in memory, or on the disk of `save_to`.
         """
         raise NotImplementedError
 
@@ -141,19 +141,19 @@ class Run:
         raise NotImplementedError
 
     def check(self, solution: Solution) -> str:
-        """Describe the error of the solution of this run, which it finds by finer runs."""
+        """Describe the error of the solution of this run, found by finer runs."""
         raise NotImplementedError
 
     def state(self) -> dict[str, Any]:
-        """Return the state from which the run goes on, in numbers and arrays."""
+        """Return the state from which the run continues, in numbers and arrays."""
         raise NotImplementedError
 
     def _left(self) -> int:
-        """Return the number of steps to the end of the run, or to the next step after which it is looked at."""
+        """Return the number of steps to the end of the run, or to the next check."""
         raise NotImplementedError
 
     def _judge(self, first: int) -> None:
-        """Find out whether the run goes on, after the steps from step index `first` on."""
+        """Find out whether the run continues, after the steps from step index `first` on."""
         raise NotImplementedError
 
     def _fields(self) -> dict[str, Any]:
@@ -206,7 +206,7 @@ class Run:
             except Exception as error:
                 if count == 1 or stepper.raised_before is None:
                     raise
-                # Take the steps before the one that raises: double the steps of a chunk, and halve them from then on.
+                # Take all steps before the failing step: double the steps of a chunk, and halve them after a failure.
                 raised = stepper.raised_before, error
                 most, growth = (count // 2, 1) if growth else (1, 2)
                 continue
@@ -225,14 +225,14 @@ class Run:
                 self._keep()
             has_passed = raised and (stepper.index >= raised[0] or self.is_done)
             if raised and has_passed and self.status is not Status.DIVERGED:
-                raise raised[1]  # it did not come from a function, but from the handler of a signal
+                raise raised[1]  # raised by the handler of a signal, not by a function
 
     def _check_written(self) -> None:
-        """Refuse a rhs that leaves out an entry of a.
+        """Refuse a rhs that does not write an entry of a.
 
-        The entry would keep its value from an earlier evaluation, and the run would look well. An array that is filled
-        with NaN before each evaluation in the kernel would show this, but takes time in each step. So rhs is evaluated
-        once more now and then.
+        The entry would keep its value from an earlier evaluation, and the run would look correct. Filling a with NaN
+        before each evaluation in the kernel would detect this, but costs time in each step. So rhs is evaluated again
+        from time to time.
         """
         stepper = self.stepper
         self._looked_at, t = stepper.index, stepper.t - stepper.h
@@ -251,7 +251,7 @@ class Run:
         return stepper.is_over
 
     def _refer(self) -> None:
-        """Let the kernel write into the present block of the history."""
+        """Make the kernel write into the present block of the history."""
         look, history, n = self.stepper.look, self.history, self.stepper.n
         rows = history.rows(n)
         self._rows = rows if self.times is None else Rows(*(array[:0] for array in rows))
@@ -285,10 +285,10 @@ class Run:
         values = {"t": stepper.t, "steps": step, "u": stepper.u, "v": stepper.v}
         self.history.write(values, stepper.look.present_outputs() if self.history.outputs else {})
 
-    # What a run gives back --------------------------------------------------------------------------------------------
+    # Results ----------------------------------------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Complete the rows: no more are written."""
+        """Complete the rows: no more rows are written."""
         if self.saved is None:
             self._complete()
             self.history.close()
@@ -301,7 +301,7 @@ class Run:
         raise NotImplementedError
 
     def result(self, error: BaseException | None = None) -> Solution:
-        """Return the run up to now, which can go on; `error` is the exception that ended it, if there was one."""
+        """Return the run so far, which can continue; `error` is the exception that ended it, if there was one."""
         self.close()
         assert self.saved is not None
         solution = self._solution(self.saved, self.saved_outputs)
@@ -312,7 +312,7 @@ class Run:
         return solution
 
     def _solution(self, rows: Mapping[str, np.ndarray], outputs: dict[str, np.ndarray]) -> Solution:
-        """Return a solution with these rows, which finds what else it has when it is read."""
+        """Return a solution with these rows, whose other values are computed when they are read."""
         fields = {**rows, **self._fields(), "outputs": outputs}
         fields |= {"status": self.status, "message": self.message, "reason": self.reason}
         later: dict[str, Callable[[], Any]] = {"notes": self.all_notes}
@@ -325,12 +325,12 @@ class Run:
         raise NotImplementedError
 
     def _place(self, save_to: str | PathLike[str] | None) -> Place | None:
-        """Return the place of a run that goes on from this one, which is closed.
+        """Return the place of a run that continues this closed run.
 
         Raises
         ------
         ValueError
-            If it has none, and this run has many states in files.
+            If save_to is not given, and this run has many states in files.
         """
         if save_to is not None:
             return Place.of(save_to, self.stepper.system.labels, self.stepper.system.quadratures)
@@ -344,9 +344,10 @@ class Run:
         return None
 
     def _invariant_notes(self, remedy: str) -> list[str]:
-        """Return a sentence about each invariant that grew steadily or drifted far; `remedy` says what may help.
+        """Return a sentence about each invariant that grew steadily or drifted far; `remedy` is the advice.
 
-        Under noise there is none: an energy grows from a cold start. A run that diverged has its message.
+        There is no note for stochastic methods, because the energy grows from a cold start, and none for a run that
+        diverged, which has a message.
         """
         stepper, notes = self.stepper, []
         if stepper.look and not stepper.method.is_stochastic and self.status is not Status.DIVERGED:
@@ -362,7 +363,7 @@ class Run:
         return notes
 
     def all_notes(self) -> tuple[str, ...]:
-        """Sentences about what the user should know of the run."""
+        """Sentences that the user should read."""
         return (*self._notes(), *self.stepper.notes)
 
     def extend(
@@ -375,14 +376,14 @@ class Run:
         cancel: Cancel | None,
         t_eval: Any = None,
     ) -> Solution:
-        """Go on from the end of the run, as `Solution.extend` describes it."""
+        """Continue from the end of the run, as `Solution.extend` describes."""
         return carry_out(lambda: self.extended(t_end, progress, save_to, t_eval), cancel, raise_on_failure)
 
     def itself(self) -> Run:
         return self
 
     def refinement(self, solution: Solution, ratio: float) -> Refinement:
-        """Compare the solution of this run with those of two finer runs.
+        """Compare the solution of this run with the solutions of two finer runs.
 
         Raises
         ------
@@ -397,13 +398,13 @@ class Run:
         return Refinement.of(t, solution.u[: len(t)], _at(t, fine), _at(t, finest), ratio)
 
     def _keep(self) -> None:
-        """Write now and then what the run has found so far: what is left if its process is killed."""
+        """Write the results so far at intervals: they remain if the process is killed."""
         assert self.place
         assert self.history.files
         self.place.keep(self.history.files, self.history.count, self._so_far)
 
     def _so_far(self) -> Solution:
-        """Return a run that goes on; its rows are in files."""
+        """Return the solution of a running run; its rows are in files."""
         solution = self._solution(self.history.whole(), self.history.whole_outputs())
         solution.status, solution._resume = Status.INTERRUPTED, self.state
         solution.notes = tuple(self.stepper.notes)
@@ -417,7 +418,7 @@ def _at(t: np.ndarray, finer: Solution) -> np.ndarray:
 
 
 def carry_out(begin: Callable[[], Run], cancel: Cancel | None, raise_on_failure: bool) -> Solution:
-    """Begin a run, and take it to its end."""
+    """Begin a run, and run it to its end."""
     if raise_on_failure is not False:
         check_flag(raise_on_failure, "raise_on_failure")
     if cancel is not None:
@@ -430,7 +431,7 @@ def carry_out(begin: Callable[[], Run], cancel: Cancel | None, raise_on_failure:
             if not run.is_suspect:
                 solution = _finished(run)
         if run.is_suspect:
-            run.judge_growth()  # which Ctrl-C may end, because it takes some time
+            run.judge_growth()  # Ctrl-C may interrupt it, because it takes some time
             with DeferredInterrupt():
                 solution = _finished(run)
     except BaseException as error:  # raised by a function, or after Ctrl-C
@@ -463,22 +464,22 @@ def _after(run: Run, error: BaseException) -> Solution:
         run._end(Status.INTERRUPTED, f"The run {what} after t = {run.stepper.t:g}.")
     solution = run.result(error)
     if run.place:
-        with contextlib.suppress(OSError):  # the directory is then as the last record says
+        with contextlib.suppress(OSError):  # the directory then has the last record
             _write(run, solution)
     return solution
 
 
 def _write(run: Run, solution: Solution) -> None:
-    """Write the solution, whose rows are written, to the place of the run."""
+    """Write the solution, except the rows, to the place of the run."""
     assert run.place
     assert run.history.files
     run.place.write(solution, run.history.files, len(solution.t), has_ended=True)
 
 
 def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[[], Any]]) -> Solution:
-    """Return the solution of a run that has ended well, unless `fields` say otherwise.
+    """Return the solution of a run that is completed, unless `fields` say otherwise.
 
-    It has these fields, and those that each kind of run has; `later` finds fields when they are read.
+    It has these fields, and the fields of each kind of run; `later` computes fields when they are read.
     """
     system, tally = stepper.system, stepper.tally
     fields = {
@@ -503,11 +504,11 @@ def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[
 
 
 def growth_note(name: str, growth: float, is_balance: bool, method: Method, remedy: str) -> str:
-    """Return a sentence about the steady growth of an invariant, or of an energy less the work."""
+    """Return a sentence about the steady growth of an invariant, or of an energy minus the work."""
     percent = f"by {100 * growth:.2g} %"
     if is_balance:
         amount = f"{percent} of the larger of the two" if math.isfinite(growth) else _OVERFLOW
-        return f"{name} less the work grows steadily, {amount} over the run: {method!r} adds energy; {remedy}."
+        return f"{name} minus the work grows steadily, {amount} over the run: {method!r} adds energy; {remedy}."
     amount = percent if growth < 1 else f"to {1 + growth:.3g} times its size"
     amount = amount if math.isfinite(growth) else _OVERFLOW
     unstable = "slowly unstable" if growth < _FAST else "unstable"
@@ -518,8 +519,8 @@ def growth_note(name: str, growth: float, is_balance: bool, method: Method, reme
 
 
 def drift_note(name: str, drift: float, far: float, is_balance: bool, remedy: str) -> str:
-    """Return a sentence about an invariant that drifted far beyond the size of its terms."""
-    name += " less the work" * is_balance
+    """Return a sentence about an invariant whose drift is far larger than its terms."""
+    name += " minus the work" * is_balance
     return (
         f"{name} drifts by {drift:.2g}, {far:.2g} times the size of its terms at the start; if the motion should keep "
         f"it, the run is wrong: {remedy}."

@@ -1,8 +1,8 @@
-"""A run that is over within a slice: the kernel is called without a loop, and notes and the like wait for a reader.
+"""Short runs: one call of the kernel without a loop; notes and similar values are computed when they are read.
 
-The kernel gets the arguments that a `Run` would give it, so that the numbers have the same bits. A `Run` does the runs
-that may not end well. It is also made of the stepper of a short run, where this stands at its end: it knows what a
-solution can do later, such as to go on, and takes no step again.
+The kernel gets the same arguments as from a `Run`, and the results are bitwise the same. A `Run` does the runs that may
+not complete. It is also made from the stepper of a short run at its end, without repeating a step, for later requests
+such as `extend`.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from .growth import STRANGE, natural_sizes
 from .run import Run, ended_by_event, solution_of
 
 _NONE = np.empty(0)
-# Duration of a short run, by the time per step of an earlier one. Ctrl-C waits for it. Slices would take a fifth longer
-# for runs of 1 ms.
+# Duration of a short run, by the time per step of an earlier run. Ctrl-C waits for it. Slices would take a fifth longer
+# # for runs of 1 ms.
 MOST_SECONDS = 5e-3
-TRIED_SECONDS = 4e-4  # duration for which a run with tolerances is tried as a short one, whatever the last one took
+TRIED_SECONDS = 4e-4  # a run with tolerances is tried as a short run up to this duration, independently of the last run
 MOST_VALUES = 2**17  # in its rows
 
 
 def at_once(
     stepper: Any, most: int, t_end: float, every: int, count: int, times: np.ndarray | None, kind: Any, given: tuple
 ) -> Solution | None:
-    """Take all steps of a run from its start in one call; return None if its end needs a closer look.
+    """Take all steps of a run in one call; return None if its end needs further checks.
 
     Parameters
     ----------
@@ -137,10 +137,10 @@ def _complete(stepper: Any, is_fixed: bool, every: int, row: int, rows: tuple, o
 
 
 def _is_well(stepper: Any, is_fixed: bool, most: int) -> bool:
-    """Return whether the run has come to its end or to a terminal event, and needs no closer look.
+    """Return whether the run has reached its end or a terminal event, and needs no further checks.
 
-    It needs one if the motion is not finite or has grown much over a span with a fixed step, or if rhs leaves out an
-    entry of a.
+    Checks are needed if the motion is not finite or has grown much with a fixed step, or if rhs does not write an entry
+    of a.
     """
     state, tally = stepper.state, stepper.tally
     if stepper.ended not in (GOING if is_fixed else AT_END, TERMINAL):
@@ -153,7 +153,7 @@ def _is_well(stepper: Any, is_fixed: bool, most: int) -> bool:
         u, v = abs(state.item(0)), abs(state.item(1))
     else:
         t = stepper.t0 + (stepper.index - 1) * stepper.h if is_fixed else float(tally[TIME] - tally[STEP_BEFORE])
-        # As `evaluation` does, without its Python call: a run makes few of them.
+        # As in `evaluation`, without its Python call.
         room = np.empty((3, stepper.n + 2 * CELLS))
         u, v, a, _ = guarded_kernel()(stepper.system.callback.address, t, state[0], state[1], stepper.params, room)
         if a == math.inf:

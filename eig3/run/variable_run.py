@@ -25,11 +25,11 @@ from .progress import check_progress
 from .run import Run, Stop
 
 _NAMED = 5  # degrees of freedom that a note names
-_RATIO = 10  # of the tolerances of runs that show the error
+_RATIO = 10  # ratio of the tolerances of the runs that show the error
 
 
 class VariableRun(Run):
-    """A run whose steps follow from tolerances. The arguments are those of `Run`."""
+    """A run with tolerances. The arguments are the same as for `Run`."""
 
     stepper: VariableStepper
 
@@ -73,12 +73,12 @@ class VariableRun(Run):
         return run
 
     def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any) -> VariableRun:
-        """Return an independent run to a later end, with the numbers of one run over the whole span."""
+        """Return an independent run to a later end, bitwise as one run over the whole span."""
         check_progress(progress)
         t_end = check_time(t_end, "t_end")
         self.close()
         assert self.saved is not None
-        end = max([self.stepper.t, *self.saved["t"][-1:].tolist()])  # a loaded stepper may stand before the end
+        end = max([self.stepper.t, *self.saved["t"][-1:].tolist()])  # a loaded stepper may be before the end
         if not t_end > end:
             raise ValueError(f"t_end must be after the end of the run at t = {end!r}, not {t_end!r}.")
         times = further_times(self.times, t_eval, end, t_end)
@@ -144,7 +144,7 @@ class VariableRun(Run):
         return left
 
     def _judge(self, first: int) -> None:
-        """Find out from the kernel's outcome whether the run goes on."""
+        """Find out from the kernel's outcome whether the run continues."""
         stepper = self.stepper
         ended = stepper.ended
         if ended == AT_END or stepper.t >= stepper.t_end:
@@ -166,7 +166,7 @@ class VariableRun(Run):
         stepper, t = self.stepper, self.stepper.t
         if np.abs(stepper.state[:2]).max() > OVERFLOWING:
             message = f"The motion grew beyond {OVERFLOWING:g} at t = {t:g}, where it is singular"
-            self._end(Status.DIVERGED, f"{message}; no step is short enough to go on.", self._explained)
+            self._end(Status.DIVERGED, f"{message}; no step is short enough to continue.", self._explained)
             return
         relative = "; if hardly anything has moved so far, rtol needs atol too"
         self._end(
@@ -178,7 +178,7 @@ class VariableRun(Run):
         )
 
     def _explained(self) -> str:
-        """Say what rhs does at the end of the run."""
+        """Describe the value of rhs at the end of the run."""
         stepper = self.stepper
         for t in (stepper.t, float(np.nextafter(stepper.t, np.inf))):
             try:
@@ -211,13 +211,13 @@ class VariableRun(Run):
             self._write_present(stepper.h)
 
     def march(self, stop: Stop) -> None:
-        """Run to the end, and note how many steps this took, and how many rows the next run may need."""
+        """Run to the end, and note the number of steps, and the rows that the next run may need."""
         super().march(stop)
         stepper, rows = self.stepper, self.history.count
         stepper.system.last_sizes[stepper.tolerances.rtol] = stepper.index, rows + rows // 4 + 16
 
     def _rows_kept(self) -> int:
-        """Return the number of rows up to the state from which a longer run goes on."""
+        """Return the number of rows up to the state from which a longer run continues."""
         rows = self.stepper.rows_before_end
         return self.history.count if rows is None else rows
 
@@ -238,8 +238,8 @@ class VariableRun(Run):
         if len(tiny):
             which = ", ".join(f"u[{j}]" for j in tiny[:_NAMED]) + (", ..." if len(tiny) > _NAMED else "")
             notes.append(
-                f"The motion of {which} is so small beside the largest one that the error of a step may be a tenth of "
-                "it or more. Give atol, or a smaller rtol, if it matters."
+                f"The motion of {which} is so small relative to the largest motion that the error of a step may be a "
+                "tenth of it or more. Give atol, or a smaller rtol, if it matters."
             )
         step, end = stepper.silence
         if step:
@@ -251,14 +251,14 @@ class VariableRun(Run):
         return [*notes, stiff] if stiff else notes
 
     def _stiffness(self) -> str:
-        """Describe a stiff motion; empty if the run is short or has none."""
+        """Describe a stiff motion; empty if the run is short or not stiff."""
         stepper = self.stepper
         if stepper.index < MANY_STEPS or not stepper.system.callback.reads_velocity or stepper.system.history:
             return ""
         return stiffness(stepper.running, stepper.acceleration, self._states_of_steps(), "rtol")
 
     def _states_of_steps(self) -> Iterator[tuple[float, Any, Any, float]]:
-        """Return some states with their steps, equal numbers of steps apart, and the last one of a whole step."""
+        """Return some states with their steps, at equal numbers of steps, and the last state after a whole step."""
         assert self.saved is not None
         rows, scalar = self.saved, self.stepper.form is SCALAR
         steps = rows["steps"][1:]

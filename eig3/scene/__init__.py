@@ -1,13 +1,14 @@
-"""Scenes: masses and the effects on them. A scene is compiled to a problem with code for exactly these effects.
+"""Models of masses, rigid bodies, joints, contacts and meshes, compiled to problems that contain only their effects.
 
-`scene`, `description` and `bodies` have the classes that a user works with, `effect`, `cell`, `frictional_contact` and
-`body_torque` the base classes of effects, and `constraint` that of constraints. An effect is `placed` on points, and
-`assembly` groups those that share a loop. For each group there is a block, which puts its parameters into the array p
-and writes its loops: see `group_text`, `links_text`, `mesh_text`, `pair_force_text` and `grains_text`. What constraints
-and rigid bodies need is in `constraint_text` and `bodies_text`. `source` is what is written, and `codegen` orders it to
-functions and compiles them. `constraint_system` checks the constraints of a scene, and `constraint_table` arranges them
-for the kernels. `mesh` finds edges and surfaces of meshes. `fields` checks the names of an effect's fields, and `names`
-makes the names in the code. `bonds` finds the pairs that a force between near points, a `pair_force`, leaves out.
+Users work with the classes in `scene`, `description` and `bodies`. `effect`, `cell`, `frictional_contact` and
+`body_torque` have the base classes of effects, and `constraint` has the base class of constraints. `placed` connects an
+effect to its points, and `assembly` groups the effects that share a loop. A text module writes the loops of each group
+and stores its parameters in the array p: `group_text`, `links_text`, `mesh_text`, `pair_force_text` and `grains_text`;
+`constraint_text` and `bodies_text` write the code of constraints and rigid bodies. `source` collects the source, and
+`codegen` arranges it in functions and compiles them. `constraint_system` checks the constraints, and `constraint_table`
+stores them for the kernels. `mesh` finds edges and surfaces of meshes. `fields` checks the names of the fields of an
+effect, and `names` makes the names in the source. `bonds` finds the pairs that a `pair_force`, a force between near
+points, excludes.
 """
 
 from .bodies import RigidBody

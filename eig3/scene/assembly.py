@@ -1,8 +1,8 @@
 """Group the effects of a scene for the loops of its code.
 
-Masses get indices. Effects of one kind on the same sort of points become one group, and groups on exactly the same
-points share a loop. Links are sorted so that the links along a row of masses follow each other: their loop then has
-indices that grow by one, needs no table of indices, and can be vectorised by the compiler.
+Masses are numbered. Effects of one kind on the same sort of points become one group, and groups on exactly the same
+points share a loop. Links along a row of masses are sorted to consecutive indices: their loop then needs no table of
+indices, and the compiler can vectorise it.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from .placed import Placed, joined
 if TYPE_CHECKING:
     from .constraint_system import ConstraintSystem
 
-#: The columns of the number of each member's event and of the number of its state, among all of the scene.
+#: The columns with the number of each member's event and of its state, counted over the whole scene.
 EVENT, STATE = "=event", "state"
 
-_MANY = 16  # from this number on, links with the same index difference get a loop of their own, unless there are more
+_MANY = 16  # from this number on, links with the same index difference get a separate loop, unless there are more
 _LOOPS = 5  # than this number of such differences (cloth with diagonals and bending springs has 5), not counting 1
 _MOTIONS = 8  # up to this number, motions of one kind are computed once each; more are computed in the loops over links
 _LEAST_RUN = 4  # from this mean length of runs of indices on, a loop over runs is used in place of a table of indices
@@ -41,11 +41,11 @@ class Bodies(NamedTuple):
     Attributes
     ----------
     vectors : list of int
-        The numbers of the points that stand for vectors.
+        The numbers of the points that represent vectors.
     carried : dict of int to (ndarray of int, ndarray)
-        For each point that is fixed to a body, points whose positions it sums up, and their factors.
+        For each point of a body, the points and factors of which its position is a linear combination.
     plates : list of list of int
-        The numbers of the vectors of each body with hardly any thickness; the last one is that across it.
+        The numbers of the vectors of each body with hardly any thickness; the last vector is normal to the plate.
     """
 
     vectors: list[int]
@@ -63,9 +63,9 @@ class Cloud:
         kg; 0 for fixed points.
     positions, velocities : ndarray, shape (points, dimension)
     rest : ndarray, shape (points, dimension)
-        The positions in which cells have their shape at rest.
+        The positions in which cells have their rest shape.
     box : ndarray, shape (dimension,)
-        The sides of the periodic box, m; 0 along an axis without one.
+        The sides of the periodic box, m; 0 along an axis that is not periodic.
     shear : float
         The rate at which the box shears, 1/s.
     inertia : ndarray, shape (points,)
@@ -73,7 +73,7 @@ class Cloud:
     spins : ndarray, shape (points, angles)
         The angular velocities; without angles if no point spins.
     bodies : Bodies
-        What rigid bodies have among the points.
+        The points of rigid bodies.
     """
 
     masses: np.ndarray
@@ -93,7 +93,7 @@ class Cloud:
 
     @cached_property
     def is_own(self) -> np.ndarray:
-        """Whether each point has coordinates of its own in u: it is free, and no body carries it."""
+        """Whether each point has coordinates in u: it is free, and no body carries it."""
         return (self.masses > 0) & ~self.is_carried
 
     @cached_property
@@ -108,7 +108,7 @@ class Cloud:
 
     @cached_property
     def free(self) -> np.ndarray:
-        """The index of each point among the masses; -1 for fixed points. Those that bodies carry are last."""
+        """The index of each point among the masses; -1 for fixed points. Points that bodies carry are last."""
         own = np.cumsum(self.is_own) - 1
         carried = np.count_nonzero(self.is_own) + np.cumsum(self.is_carried) - 1
         return np.where(self.is_own, own, np.where(self.is_carried, carried, -1))
@@ -126,18 +126,18 @@ class Group:
     ----------
     laws : list of Placed
     first : ndarray of int, shape (members,)
-        The masses acted on; for a link between two masses, the one with the lower index.
+        The masses acted on; for a link between two masses, the mass with the lower index.
     second : ndarray of int, shape (members,), or None
         The other mass of links between masses.
     anchor : ndarray, shape (members, dimension), or None
         The positions of the fixed ends of links.
     motions : tuple of int
-        The laws, among those of `Assembly.motions`, that move these fixed ends.
+        The indices in `Assembly.motions` of the laws that move these fixed ends.
     moved : ndarray of int, shape (members, number of motions)
         Which member of each of these laws moves the fixed end.
     sign : int
-        For links in one dimension: 1 if at the start the coordinate grows from the first to the second end, or from the
-        anchor to the mass, and -1 if it falls.
+        For links in one dimension: 1 if at the start the coordinate increases from the first to the second end, or from
+        the anchor to the mass, and -1 if it decreases.
     """
 
     laws: list[Placed]
@@ -150,7 +150,7 @@ class Group:
 
     @property
     def difference(self) -> int | None:
-        """The difference of the two indices if it is the same in all links, else None."""
+        """The difference of the two indices if it is the same in all links, otherwise None."""
         if self.second is None or np.ptp(self.second - self.first):
             return None
         return int(self.second[0] - self.first[0])
@@ -199,10 +199,9 @@ class Supports:
 class Assembly:
     """The content of a scene's code: its masses, groups of effects, and motions of supports.
 
-    `events` are the names of the events, in the order in which their effects were added, and `states` the names of
-    those that have a state. The points of `meshes` are indices of masses; from the number of masses on they stand for
-    `supports`. `bonds` are pairs of points, if any effect leaves out
-    pairs by their bonds.
+    `events` are the names of the events, in the order in which their effects were added, and `states` the names of the
+    events with a state. The points of `meshes` are indices of masses; indices from the number of masses on are
+    `supports`. `bonds` are pairs of points, if any effect excludes bonded pairs.
     """
 
     cloud: Cloud
@@ -224,7 +223,7 @@ class Assembly:
 
     @property
     def n(self) -> int:
-        """The number of masses in the code, which counts the points that bodies carry."""
+        """The number of masses in the code, including the points that bodies carry."""
         return int(np.count_nonzero(self.cloud.masses))
 
     @property
@@ -270,7 +269,7 @@ class Assembly:
 
     @property
     def inertias(self) -> np.ndarray:
-        """The mass of each degree of freedom, or its inertia; infinite for angles without one, and for states."""
+        """The mass or inertia of each degree of freedom; infinite for angles without inertia, and for states."""
         cloud, states = self.cloud, np.full(len(self.states), np.inf)
         inertia = np.where(cloud.inertia > 0, cloud.inertia, np.inf)[cloud.is_own]
         return np.concatenate([*[cloud.masses[cloud.is_own]] * self.dimension, *[inertia] * self.angles, states])
@@ -278,7 +277,7 @@ class Assembly:
     def start(self, values: np.ndarray, spins: np.ndarray | None = None) -> np.ndarray:
         """Return u0, or v0, from the positions or velocities of all points, by coordinate and mass, and their spins.
 
-        The angles follow the coordinates. The states follow them.
+        The angles follow the coordinates, and the states follow the angles.
         """
         is_mass = self.cloud.is_own
         spins = np.zeros_like(self.cloud.spins) if spins is None else spins
@@ -315,7 +314,7 @@ def assemble(
 
 
 def _without_idle_points(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairForce]) -> Cloud:
-    """Return the points without those of bodies on which no force acts, such as joints. The code does not need them."""
+    """Remove the points of bodies on which no force acts, such as joints. The code does not need them."""
     acting = [points for law in placed if not isinstance(law.effect, Constraint) for points in law.points]
     used = [*acting, *(x for pair_force in pair_forces for x in pair_force.points)]
     idle = cloud.bodies.carried.keys() - set(np.concatenate([*used, np.empty(0, dtype=np.int64)]).tolist())
@@ -361,7 +360,7 @@ class _Moves:
     Attributes
     ----------
     patterns : list of tuple of int
-        Laws of motion that move some point together.
+        Combinations of laws that move some point together.
     pattern : ndarray of int, shape (points,)
         The pattern of each point.
     members : ndarray of int, shape (points, longest pattern)
@@ -402,7 +401,8 @@ def _body_groups(cloud: Cloud, placed: Sequence[Placed]) -> list[Group]:
     for law in placed:
         if isinstance(law.effect, Body):
             first = cloud.free[law.points[0]] if law.points else masses
-            # effects on all masses are grouped apart from effects on some: their loop needs no table of indices
+            # effects on all masses form separate groups from effects on some masses: their loop needs no table of
+            # indices
             kinds.setdefault((_kind(law.effect), not law.points), []).append(Group([law], first))
     whole = [_joined(groups) for groups in kinds.values()]
     return [group.take(np.argsort(group.first, kind="stable")) for group in whole]
@@ -433,7 +433,7 @@ def _link_groups(cloud: Cloud, placed: Sequence[Placed], moves: _Moves) -> list[
 
 
 def _meshes(cloud: Cloud, placed: Sequence[Placed], moves: _Moves) -> tuple[list[Placed], Supports]:
-    """Return the cells of each kind, those with supports apart from those without, and their supports."""
+    """Return the cells of each kind, separately with and without supports, and their supports."""
     kinds: dict[Any, list[Placed]] = {}
     for law in placed:
         if isinstance(law.effect, Cell):
@@ -464,10 +464,10 @@ def _moved(fixed: np.ndarray, moves: _Moves) -> list[tuple[int, np.ndarray]]:
 
 
 def _oriented(cloud: Cloud, law: Placed) -> tuple[Group, np.ndarray]:
-    """Turn links so that the fixed end, or else the mass with the lower index, comes first.
+    """Orient links: the fixed end, or otherwise the mass with the lower index, comes first.
 
-    Also return, for each link, whether it has a fixed end, and the sign of its group: -1 on a line without end, if the
-    end that comes first is the one with the larger x.
+    Also return, for each link, whether it has a fixed end, and the sign of its group: -1 in one dimension without a
+    box, if the first end has the larger x.
     """
     free, x, (a, b) = cloud.free, cloud.positions, law.points
     swapped = (free[b] < 0) | ((free[a] >= 0) & (free[a] > free[b]))
@@ -484,10 +484,10 @@ def _oriented(cloud: Cloud, law: Placed) -> tuple[Group, np.ndarray]:
 def _split(group: Group) -> Iterator[Group]:
     """Sort links by the difference of their two indices, then by the first index: this gives the longest runs.
 
-    Where many links have the same difference, as along the rows and columns of a net, they get a loop of their own, in
-    which the compiler can see that consecutive links share no mass. The number of such loops is limited, because each
-    costs compile time: links with many differences, such as all pairs of masses, share one loop over runs. Links that
-    only have events have no loop.
+    Many links with the same difference, as along the rows and columns of a net, get a separate loop, in which the
+    compiler can see that consecutive links share no mass. The number of such loops is limited, because each costs
+    compile time: links with many differences, such as all pairs of masses, share one loop over runs. Links that only
+    have events have no loop.
     """
     if group.second is None or not any(law.effect.functions().keys() & FORCES for law in group.laws):
         yield group.take(np.argsort(group.first, kind="stable"))
@@ -496,7 +496,7 @@ def _split(group: Group) -> Iterator[Group]:
     order = np.lexsort((group.first, difference))
     parts = np.split(order, np.flatnonzero(np.diff(difference[order])) + 1)
     alike = {difference[part[0]] for part in parts if part.size >= _MANY and group.take(part).in_runs} - {1}
-    own = {1, *(alike if len(alike) <= _LOOPS else ())}  # neighbours have a form of loop of their own
+    own = {1, *(alike if len(alike) <= _LOOPS else ())}  # neighbours have a special form of loop
     for part in parts:
         if difference[part[0]] in own:
             yield group.take(part)
@@ -511,7 +511,7 @@ def _kind(effect: Effect) -> tuple:
 
 
 def _joined(groups: list[Group]) -> Group:
-    """Join groups of the same kind and sort into one group with all their members."""
+    """Merge groups of the same kind and sort into one group with all their members."""
     one = groups[0]
     if len(groups) == 1:
         return one
@@ -526,7 +526,7 @@ def _joined(groups: list[Group]) -> Group:
 
 
 def _fused(groups: list[Group]) -> list[Group]:
-    """Join groups on exactly the same points, so that values that they share are computed once."""
+    """Merge groups on exactly the same points, to compute shared values once."""
     fused: dict[Any, Group] = {}
     for group in groups:
         arrays = (group.first, group.second, group.anchor, group.moved)

@@ -2,7 +2,7 @@
 
 The vectors are points of the scene whose masses are the principal moments J_k = sum m x_k^2, in kg m^2. So the kinetic
 energy is m |c'|^2 / 2 + sum J_k |e_k'|^2 / 2, with a constant diagonal mass matrix, and every point of a body is a sum
-of its centre and its vectors with constant factors. There are no angles, and no position is singular: J. Garcia de
+of its centre and its vectors with constant factors. There are no angles, and no orientation is singular: J. Garcia de
 Jalon and E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, Springer (1994).
 """
 
@@ -26,9 +26,9 @@ from .prescribed_angle import PrescribedAngle, PrescribedAngleInSpace
 from .weld import Weld
 
 _UNIT = 1e-9  # the largest error of a rotation
-_THIN = 1e-12  # the least part of the largest moment that a J_k has: a vector without a mass could not be moved
-_MARGIN = 1e-9  # of moments that are those of a plate without thickness
-_PLATE = 1e-4  # of a body with one J_k below this part of the largest, see `plates`
+_THIN = 1e-12  # least J_k relative to the largest moment: a vector without a mass could not be moved
+_MARGIN = 1e-9  # relative error of the moments of a plate without thickness
+_PLATE = 1e-4  # a body is a plate if one J_k is below this fraction of the largest, see `plates`
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Perpendicular(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class Along(Constraint):
-    """The way between two points stays at right angles to a vector, the third point."""
+    """The line between two points stays perpendicular to a vector, the third point."""
 
     needs = ()
     takes = (3,)
@@ -85,7 +85,7 @@ class RigidBody:
     centre : Points
         The centre of mass.
     axes : Points
-        Its unit vectors along the principal axes, of shape (dimension,), which `effects.Torque` takes.
+        The unit vectors along the principal axes, of shape (dimension,), on which `effects.Torque` acts.
     principal : ndarray, shape (dimension, dimension)
         The principal axes in the frame of the body, as columns.
 
@@ -129,7 +129,7 @@ class RigidBody:
         return self.point(self._local(reals(position, "position") - self.centre.position))
 
     def revolute(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike | None = None) -> None:
-        """Join the body to another one, or to the ground, with a hinge at a position, m; in space along an axis."""
+        """Add a revolute joint to another body, or to the ground, at a position, m; in space about an axis."""
         self._check_axis(axis, "a revolute joint")
         across = [] if axis is None else self._frame(axis, "axis")
         self._pinned(other, position)
@@ -137,15 +137,15 @@ class RigidBody:
             self.scene.add(Perpendicular(), self._facing(across[0]), self._of(other, vector))
 
     def spherical(self, other: RigidBody | None, position: ArrayLike) -> None:
-        """Join the body in space to another one, or to the ground, with a ball joint at a position, m."""
+        """Add a ball joint in space to another body, or to the ground, at a position, m."""
         self._check_space("a spherical joint")
         self._pinned(other, position)
 
     def universal(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike, other_axis: ArrayLike) -> None:
-        """Join the body in space to another one, or to the ground, with a universal joint at a position, m.
+        """Add a universal joint in space to another body, or to the ground, at a position, m.
 
-        The cross of the joint turns about `axis` in the body and about `other_axis` in the other one, which are at
-        right angles to each other.
+        The cross of the joint turns about `axis`, which is fixed in the body, and about `other_axis`, which is fixed
+        in the other body. The axes are perpendicular.
         """
         self._check_space("a universal joint")
         mine, theirs = self._frame(axis, "axis")[0], self._frame(other_axis, "other_axis")[0]
@@ -155,11 +155,11 @@ class RigidBody:
         self.scene.add(Perpendicular(), self._facing(mine), self._of(other, theirs))
 
     def weld(self, other: RigidBody | None) -> None:
-        """Fix the body to another one, or to the ground, as a `Weld`."""
+        """Fix the body to another body, or to the ground, with a `Weld`."""
         self.scene.add(Weld(), self, *([] if other is None else [other]))
 
     def prismatic(self, other: RigidBody | None, position: ArrayLike, direction: ArrayLike) -> None:
-        """Let the body slide along a direction of another one, or of the ground, without turning against it."""
+        """Add a prismatic joint: the body slides along a direction of another body or the ground, without rotation."""
         ahead, *across = self._frame(direction, "direction")
         place = self._place_of(other, position)
         for vector in across:
@@ -169,9 +169,9 @@ class RigidBody:
             self.scene.add(Perpendicular(), self._facing(mine), self._of(other, theirs))
 
     def prescribed_angle(self, other: RigidBody | None, angle: Callable, axis: ArrayLike | None = None) -> None:
-        """Turn the body against another one, or the ground, by an angle that is a function of time.
+        """Prescribe the angle of the body relative to another body, or to the ground, as a function of time.
 
-        In space, the body has a revolute joint with the same axis. The reaction is the torque that turns it, N m.
+        In space, the body must have a revolute joint with the same axis. The reaction is the driving torque, N m.
 
         Parameters
         ----------
@@ -179,22 +179,22 @@ class RigidBody:
         angle : jitted function
             ``angle(t) -> (angle, rate, acceleration)`` in rad, rad/s and rad/s^2; 0 is the position at the start.
         axis : array_like, shape (3,), optional
-            In space, the axis of the hinge, about which the angle is positive as a right-handed screw turns.
+            In space, the axis of the joint; the angle is positive by the right-hand rule.
         """
         vectors = self._about(other, axis, "a prescribed angle")
         self.scene.add((PrescribedAngle if axis is None else PrescribedAngleInSpace)(angle), *vectors)
 
     def motor(self, other: RigidBody | None, torque: Callable, axis: ArrayLike | None = None) -> None:
-        """Add a torque on the body, and the opposite one on another body, or on the ground.
+        """Add a torque on the body, and the opposite torque on another body, or on the ground.
 
-        In space, the body has a revolute joint with the same axis.
+        In space, the body must have a revolute joint with the same axis.
 
         Parameters
         ----------
         other : RigidBody or None
         torque : jitted function
-            ``torque(t)`` or ``torque(t, angle, rate)``, N m, with the angle by which the body has turned against the
-            other one since the start, from -pi to pi, rad, and rad/s.
+            ``torque(t)`` or ``torque(t, angle, rate)``, N m. The angle is the rotation relative to the other body since
+            the start, from -pi to pi, rad; the rate is in rad/s.
         axis : array_like, shape (3,), optional
             In space, the axis of the torque.
         """
@@ -211,30 +211,30 @@ class RigidBody:
         damping: float = 0.0,
         regularization_speed: float = 1e-2,
     ) -> None:
-        """Add friction against turning the body against another one, or the ground.
+        """Add friction against rotation of the body relative to another body, or to the ground.
 
-        The torque is -(limit / sqrt(rate^2 + regularization_speed^2) + damping) rate, with the rate at which it
-        turns.
+        The torque is -(limit / sqrt(rate^2 + regularization_speed^2) + damping) rate; rate is the relative angular
+        rate.
 
         Parameters
         ----------
         other : RigidBody or None
         limit : float
-            The torque of Coulomb's friction, N m.
+            The torque of Coulomb friction, N m.
         axis : array_like, shape (3,), optional
-            In space, the axis of the hinge.
+            In space, the axis of the joint.
         damping : float
-            Of viscous friction, N m s.
+            The coefficient of viscous friction, N m s.
         regularization_speed : float
-            The rate at which Coulomb's friction reaches 0.71 of its limit, rad/s. At lower rates it acts as a stiff
-            damper: an explicit method then needs a short step, and the hinge creeps where it should stick.
+            The rate at which Coulomb friction reaches 0.71 of its limit, rad/s. At lower rates it acts as a stiff
+            damper: an explicit method then needs a short step, and the joint creeps where it should stick.
         """
         vectors = self._about(other, axis, "friction")
         kind = HingeFriction if axis is None else HingeFrictionInSpace
         self.scene.add(kind(limit, damping, regularization_speed), *vectors)
 
     def _about(self, other: RigidBody | None, axis: ArrayLike | None, what: str) -> tuple[Points, ...]:
-        """Return vectors across an axis, one of each body, and in space the axis as a vector of the other one."""
+        """Return a vector normal to an axis for each body, and in space the axis as a vector of the other body."""
         self._check_axis(axis, what)
         if axis is None:
             across = np.array([1.0, 0.0])
@@ -243,12 +243,12 @@ class RigidBody:
         return self._facing(across), self._of(other, across), self._of(other, ahead)
 
     def rotation(self, values: ArrayLike) -> np.ndarray:
-        """Return how the body is turned, from displacements such as ``solution.u`` of shape (..., degrees of freedom).
+        """Return the rotation of the body, from ``solution.u`` or displacements of shape (..., degrees of freedom).
 
         Returns
         -------
         ndarray, shape (...) in the plane, or (..., 4) in space
-            The angle from the x axis, rad, between -pi and pi; or quaternions (x, y, z, w), as SciPy's.
+            The angle from the x axis, rad, between -pi and pi; or quaternions (x, y, z, w), as in SciPy.
         """
         vectors = self.axes.positions(np.asarray(values))
         matrix = np.swapaxes(vectors, -1, -2) @ self.principal.T
@@ -273,11 +273,11 @@ class RigidBody:
         return vectors @ self._turned()
 
     def _facing(self, vector: np.ndarray) -> Points:
-        """Return the vector of the body that is this one at the start."""
+        """Return the vector of the body that equals a given vector at the start."""
         return self.vector(self._local(vector))
 
     def _of(self, other: RigidBody | None, vector: np.ndarray) -> Points:
-        """Return the vector of another body, or of the ground, that is this one at the start."""
+        """Return the vector of another body, or of the ground, that equals a given vector at the start."""
         self._check_other(other)
         if other is not None:
             return other._facing(vector)
@@ -286,12 +286,12 @@ class RigidBody:
         return fixed
 
     def _pinned(self, other: RigidBody | None, position: ArrayLike) -> None:
-        """Let two points coincide, one of each body."""
+        """Make a point of each body coincide."""
         place = self._place_of(other, position)
         self.scene.add(PointJoint(), self.at(position), place)
 
     def _points_of_weld(self, other: RigidBody | None) -> tuple[Points, ...]:
-        """Return where the other body, or the ground, has the centre and the axes of this one; and those themselves."""
+        """Return the centre and axes of this body as points of the other body or the ground, then as its own points."""
         theirs = [self._of(other, axis) for axis in self.axes.position]
         return self._place_of(other, self.centre.position), self.centre, *theirs, *self.axes
 
@@ -317,7 +317,7 @@ class RigidBody:
             raise ValueError("other must be another body, or None for the ground.")
 
     def _frame(self, direction: ArrayLike, name: str) -> list[np.ndarray]:
-        """Return a unit vector along a direction, and others at right angles to it and to each other."""
+        """Return a unit vector along a direction, and unit vectors that are perpendicular to it and to each other."""
         vector = reals(direction, name)
         if vector.shape != (len(self.principal),):
             raise ValueError(f"{name} must have {len(self.principal)} components, not the shape {vector.shape}.")
@@ -340,11 +340,11 @@ def principal_moments(inertia: ArrayLike, dimension: int) -> tuple[np.ndarray, n
     Raises
     ------
     ValueError
-        If the inertia is not that of a body, or is that of a thin rod.
+        If no body can have the inertia, or only a thin rod.
 
     Notes
     -----
-    A plate without thickness gets one, whose J_k is 1e-12 of the largest moment.
+    A plate without thickness gets a thickness whose J_k is 1e-12 of the largest moment.
     """
     given = reals(inertia, "inertia")
     if dimension == 2:
@@ -360,16 +360,16 @@ def principal_moments(inertia: ArrayLike, dimension: int) -> tuple[np.ndarray, n
     margin = _MARGIN * largest
     if not (squares.min() >= -margin and moments.min() > margin):
         raise ValueError(
-            "inertia must be that of a body: each principal moment positive and at most the sum of the others; a thin "
+            "inertia of a body must have positive principal moments, each at most the sum of the others; a thin "
             "rod can be a Rod between masses."
         )
     return np.maximum(squares, _THIN * largest), axes
 
 
 def plates(squares: np.ndarray, vectors: np.ndarray) -> list[list[int]]:
-    """Return the vectors of a body if it has hardly any thickness, in cyclic order, the one across the plate last.
+    """Return the vectors of a body if it has hardly any thickness, in cyclic order, with the normal of the plate last.
 
-    The mass of that vector is so small that forces on it are better taken by the other two: see `BodiesText.plates`.
+    The mass of the normal is so small that forces on it are better applied to the other two: see `BodiesText.plates`.
     """
     across = int(np.argmin(squares))
     is_plate = len(squares) == 3 and squares[across] < _PLATE * squares.max()
@@ -382,7 +382,7 @@ def rotation_matrix(rotation: Any, dimension: int) -> np.ndarray:
     Raises
     ------
     ValueError
-        If it is no rotation.
+        If it is not a rotation.
     """
     if rotation is None:
         return np.eye(dimension)

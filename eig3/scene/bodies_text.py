@@ -1,6 +1,7 @@
-"""Write the functions of a scene with rigid bodies, which call those that know all points as masses.
+"""Write the functions of a scene with rigid bodies.
 
-In the source, `everywhere` and `speeds` are u and v with the points that bodies carry.
+They call functions that treat all points as masses. In the source, `everywhere` and `speeds` are u and v of all
+points, including the points that bodies carry.
 """
 
 from __future__ import annotations
@@ -30,15 +31,15 @@ class BodiesText(Text):
         cloud = assembly.cloud
         vectors = np.array(cloud.bodies.plates, dtype=np.int64).reshape(-1, 3)
         masses, self._plates = cloud.masses[vectors].T, cloud.free[vectors]
-        # the first vectors of all plates, then the second and the third ones, which are across the plates; and then the
-        # mass of the third as a part of that of the first, and of the second
+        # the first vectors of all plates, then the second and the third vectors, which are normal to the plates; then
+        # the mass of the third vector divided by the masses of the first and of the second
         self._plate_place = source.add(np.concatenate([self._plates.T, masses[2] / masses[:2]]))
 
     def _pack_carried(self, assembly: Assembly) -> None:
         """Put the table of the points that bodies carry into p, and arrays for all points."""
         cloud, source = assembly.cloud, self._source
         points = [cloud.bodies.carried[point] for point in sorted(cloud.bodies.carried)]
-        if not self._is_unrolled:  # where the points are in the source, it must not depend on their places
+        if not self._is_unrolled:  # unrolled source must not depend on the positions of the points
             points = [(parts[factors != 0], factors[factors != 0]) for parts, factors in points]
         self._carriers = [cloud.free[parts] for parts, _ in points]  # the masses that carry each point
         self._sizes, self._degrees = [len(parts) for parts in self._carriers], assembly.degrees + 1
@@ -57,7 +58,7 @@ class BodiesText(Text):
         self._gather("acting", "a")
 
     def plates(self) -> None:
-        """Let the vectors along a plate take the force on that across it, which has hardly any mass.
+        """Apply the force on the normal of a plate, which has hardly any mass, to the vectors in the plate.
 
         A force f on the vector e2 = e0 x e1 does the same work as e1 x f on e0 and f x e0 on e1.
         """
@@ -87,7 +88,7 @@ class BodiesText(Text):
         self._line(f"return {call}")
 
     def reset(self, call: str, constraints: ConstraintText) -> None:
-        """Let an event change the velocities and the states, and the constraints take part in its impulse."""
+        """Let an event change the velocities and the states, with the impulses of the constraints."""
         if self._follows_work:
             self._line("energy_before = energy(t, u, v, p)")
         self._tables()

@@ -8,7 +8,7 @@ from .effect import Body
 
 
 class BodyTorque(Body):
-    """A torque on a rigid body, as forces on its unit vectors: the points of ``body.axes`` together."""
+    """A torque on a rigid body, applied as forces on its unit vectors, the points of ``body.axes``."""
 
     takes: ClassVar[tuple[int, ...]] = (1,)
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)

@@ -1,4 +1,4 @@
-"""The bonds of a scene, and the pairs of points that are a number of bonds apart, as `special_bonds` of LAMMPS."""
+"""The bonds of a scene, and the pairs of points that are 1, 2 or 3 bonds apart, as for `special_bonds` in LAMMPS."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def check_orders(given: Any) -> tuple[str, ...]:
 def bonds_of(placed: Sequence[Placed], carried: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """Return the bonds, of shape (bonds, 2), the smaller number first.
 
-    They join the ends of a link or constraint, the corners of a cell with a volume, and all points of a rigid body.
-    Angles and dihedrals are no bonds.
+    Bonds join the ends of a link or constraint, the corners of a cell with a volume, and all points of a rigid body.
+    Angles and dihedrals are not bonds.
     """
     found = [_NONE]
     for law in placed:
@@ -52,7 +52,7 @@ def bonds_of(placed: Sequence[Placed], carried: Mapping[int, tuple[np.ndarray, n
 
 
 def bonded_pairs(bonds: np.ndarray, orders: Collection[str]) -> np.ndarray:
-    """Return the pairs whose shortest way over bonds has one of these lengths, of shape (pairs, 2), each once."""
+    """Return the pairs whose shortest path over bonds has one of these lengths, of shape (pairs, 2), each once."""
     steps = np.concatenate([bonds, bonds[:, ::-1]])
     steps = steps[np.argsort(steps[:, 0], kind="stable")]
     pairs, shorter, found = bonds, _NONE, [_NONE]
@@ -65,7 +65,7 @@ def bonded_pairs(bonds: np.ndarray, orders: Collection[str]) -> np.ndarray:
 
 
 def _longer(pairs: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return the pairs that a step from one of the ends of a pair leads to."""
+    """Return the pairs that are one bond longer."""
     found = [_NONE]
     for begin, end in (pairs.T, pairs[:, ::-1].T):
         first, last = (np.searchsorted(steps[:, 0], end, side=side) for side in ("left", "right"))

@@ -1,7 +1,7 @@
-"""Write what a periodic box does to the way between two points and to its rate, as lines of Python source.
+"""Write the minimum-image convention of a periodic box as lines of Python source.
 
-In a box that shears, the images further up by y_side are moved along x by image_shift at the time t, at image_speed, as
-those of A. W. Lees and S. F. Edwards, Journal of Physics C 5 (1972), but for positions that do not jump.
+In a box that shears, the images at y + y_side are displaced along x by image_shift at the time t, and move at
+image_speed: A. W. Lees and S. F. Edwards, Journal of Physics C 5 (1972). Positions are unwrapped.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ class BoxText:
     Attributes
     ----------
     sides : dict of str to int
-        The places in p of the sides of the periodic box, by the axes that have one; `shear` is that of the rate at
-        which it shears, or None.
+        The places in p of the sides of the periodic box, by periodic axis; `shear` is the place of the shear rate, or
+        None.
     """
 
     def __init__(self, sides: dict[str, int], shear: int | None) -> None:
@@ -28,7 +28,7 @@ class BoxText:
         return self._shear is not None
 
     def constants(self) -> Iterator[str]:
-        """Read the sides, and how far and how fast the images above have moved."""
+        """Read the sides, and the displacement and velocity of the images above."""
         for axis, place in self.sides.items():
             yield f"{axis}_side = p[{place}]"
             yield f"{axis}_inverse = 1 / {axis}_side"
@@ -37,7 +37,7 @@ class BoxText:
             yield "image_shift = image_speed * t"
 
     def nearest(self) -> Iterator[str]:
-        """Change the way between two points to that between their nearest images: y before x."""
+        """Replace the vector between two points by the vector between their nearest images: y before x."""
         for axis in reversed(self.sides):
             if self.shears and axis == "y":
                 yield "turns = rint(dy * y_inverse)"
@@ -47,11 +47,11 @@ class BoxText:
                 yield f"d{axis} -= {axis}_side * rint(d{axis} * {axis}_inverse)"
 
     def rate(self) -> Iterator[str]:
-        """Change the rate of the way between two points to that between their nearest images."""
+        """Replace the rate of the vector between two points by its rate between their nearest images."""
         if self.shears:
             yield "ex -= image_speed * turns"
 
     def power(self) -> Iterator[str]:
-        """Add the power with which the images above pull through the force between two points."""
+        """Add the power of the moving images through the force between two points."""
         if self.shears:
             yield "total -= fx * image_speed * turns"

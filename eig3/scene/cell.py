@@ -20,8 +20,7 @@ class Cell(Effect):
 
     The general form has ``forces``, which returns a tuple with a force for each point of the cell, and may have
     ``potential``, an energy. They take the positions x and the velocities v of the points, each a tuple of tuples, the
-    time t, and fields; see `Body` for `vectors`, `arrays` and `nonnegative`. The forces on masses move them; those on
-    fixed points are borne by the supports::
+    time t, and fields; see `Body` for `vectors`, `arrays` and `nonnegative`. Supports bear the forces on fixed points::
 
         @dataclass(frozen=True, eq=False)
         class Pressure(Cell):
@@ -37,11 +36,11 @@ class Cell(Effect):
                 return f, f
 
     A kind of cell, such as `Angle` or `Tetrahedron`, computes one value of the points, its `variable`. An effect of
-    this kind then has the derivative of its potential with respect to this value, as its function `conjugate`, and the
-    kind makes the forces of it. This takes three compiled functions of the kind:
+    this kind has a function `conjugate`, the derivative of its potential with respect to the variable, and the kind
+    computes the forces. The kind has three compiled functions:
 
     - ``value(x, ...)`` returns the variable;
-    - ``rate(x, v, ...)`` returns its rate, which effects take as the argument `rate`;
+    - ``rate(x, v, ...)`` returns the rate of the variable, which effects take as the argument `rate`;
     - ``forces(x, conjugate, ...)`` returns the forces: minus the derivative of the variable with respect to each point,
       times the conjugate.
 
@@ -52,9 +51,11 @@ class Cell(Effect):
     variable, conjugate : str
         The names of the variable and of the function of the effect; empty for the general form.
     shape : dict of str to int
-        The columns that `shape_columns` computes from the positions at rest, with their components; 0 for a number.
+        The columns that `shape_columns` computes from the positions at rest, with their numbers of components; 0 for a
+        scalar.
     extent : str
-        The column that multiplies the potential, such as the volume of a cell; empty if nothing does.
+        The column that multiplies the potential, such as the volume of a cell; empty if the potential is not
+        multiplied.
     """
 
     variable: ClassVar[str] = ""
@@ -74,10 +75,10 @@ class Cell(Effect):
     ) -> None:
         fixed = np.flatnonzero(np.all([m == 0 for m in masses], axis=0))
         if fixed.size:
-            raise ValueError(f"{self.title} has only fixed points in cell {fixed[0]}, so that it cannot move anything.")
+            raise ValueError(f"{self.title} has only fixed points in cell {fixed[0]}, which cannot move: give masses.")
 
     def refuse_cells(self, wrong: np.ndarray, what: str) -> None:
-        """Raise a ValueError that names the first wrong cell, if any is. `what` says why, and the remedy."""
+        """Raise a ValueError that names the first wrong cell, if any. `what` gives the reason and the remedy."""
         if wrong.any():
             raise ValueError(f"cell {np.flatnonzero(wrong)[0]} of {self.title} {what}.")
 
@@ -110,9 +111,9 @@ def offers_of(variable: str, conjugate: str, shape: Iterable[str] = (), read: tu
     ----------
     variable, conjugate : str
     shape : iterable of str
-        The columns of the shape at rest, which the functions of the kind can take.
+        The columns of the rest shape, which the functions of the kind can take.
     read : tuple of str
-        Those of them that the functions of an effect can take.
+        The columns of the rest shape that the functions of an effect can take.
     """
     return {
         conjugate: ("t", variable, "rate", *read),
@@ -124,12 +125,12 @@ def offers_of(variable: str, conjugate: str, shape: Iterable[str] = (), read: tu
 
 
 def same_points(numbers: Sequence[np.ndarray]) -> bool:
-    """Return whether a link or cell has a point twice."""
+    """Return whether a link or cell contains a point twice."""
     return any((a == b).any() for a, b in combinations(numbers, 2))
 
 
 def _form(kind: Any) -> Any:
-    """Return the nesting of a type of tuples, with 0 for each number, and None for what is neither."""
+    """Return the nesting of a type of tuples, with 0 for each number, and None for any other type."""
     kind = unliteral(kind)
     if isinstance(kind, numba.types.BaseTuple):
         return tuple(_form(part) for part in kind)

@@ -6,8 +6,8 @@ are not part of the source.
 
 In the source, i and j are indices of masses, and w is an inverse mass.
 
-The events of a group are two functions: where they occur, and what happens to the state there. Their first argument is
-the number of the member, as a float.
+The events of a group are two functions: one whose zeros are the events, and one that changes the state. Their first
+argument is the number of the member, as a float.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ from .pair_force_text import PairForceText
 from .source import Source, Symbols
 from .text import BlockText, Text, added
 
-#: Near points, and cells, from which on threads share their forces. Links alone are not shared: to compute the force of
-#: one takes less time than another core needs to get its ends, which the thread of the run has just moved.
+#: Least numbers of near points, and of cells, for threads. Links are not shared between threads: the force of a link
+#: takes less time than another core needs to fetch its ends, which the thread of the run has just moved.
 _SHARED, _SHARED_CELLS = 2000, 5000
 
 _TINY = (
@@ -62,14 +62,13 @@ G = TypeVar("G", MassesText, LinksText)
 
 @jit
 def unchanged(t, u, v, p):  # type: ignore[no-untyped-def]
-    """Leave the state as it is. The reset of a force that changes its form: it makes the method start anew."""
+    """Keep the state: the reset of a force that changes its form. The event makes the method restart."""
 
 
 def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
-    """Return the arguments of `Problem` that a scene's code gives: rhs, energy, events, outputs and params.
+    """Return the arguments of `Problem` from a scene's code: rhs, energy, events, outputs and params.
 
-    Scenes that differ only in parameters get the same functions. A large one is for this number of threads, if it
-    is given.
+    Scenes that differ only in parameters get the same functions. The code of a large scene uses `threads`, if given.
     """
     source = Source(assembly)
     writing = _Functions(assembly, source, threads)
@@ -165,7 +164,7 @@ class _Functions(Text):
     # The functions
 
     def unrolled(self, functions: dict[str, Any]) -> Straight | None:
-        """Return a few constraints as lines for lanes, and let the reactions find their own function for lanes."""
+        """Return few constraints as lines for lanes, and register the function of the reactions for lanes."""
         text = self._constraints and self._constraints.unrolled
         if not text:
             return None
@@ -173,7 +172,7 @@ class _Functions(Text):
         return text.unrolled(functions["forces"])
 
     def parts(self) -> None:
-        """Write the functions that others call: the places of the corners of cells, and what threads share."""
+        """Write the functions that others call: the positions of the corners of cells, and the work of threads."""
         if self._supports:
             self._supports.functions()
         if self._has_stages:
@@ -191,7 +190,7 @@ class _Functions(Text):
         """Write the function of the accelerations."""
         with self._function(f"{self._rhs_name}(t, u, v, p, a)", self._moving):
             if self._shares_cells:
-                velocity = "v" if self._reads_v else "u"  # a rhs that names v is one that reads it
+                velocity = "v" if self._reads_v else "u"  # a rhs that names v counts as reading it
                 given = f"t, memory(u), memory({velocity}), memory(p), memory(a), {self._source.team}"
                 self._line(f"set_forces(share, {given})")
             else:
@@ -205,7 +204,7 @@ class _Functions(Text):
             for k in range(self._coordinates, self._work):  # the states
                 self._line(f"a[{k}] = 0.0")
             if self._follows_work:
-                with self._block(f"if a.size > {self._work}"):  # a run that follows the work
+                with self._block(f"if a.size > {self._work}"):  # a run that integrates the work
                     self._line(f"a[{self._work}] = power(t, u, v, p)")
             if not self._suffix:
                 self._bodies_text.plates()
@@ -233,7 +232,7 @@ class _Functions(Text):
             self._line("return total")
 
     def energy(self) -> None:
-        """Write the function of the kinetic energy and the potentials, less the work in a run that follows it."""
+        """Write the function of the kinetic energy and the potentials, minus the work in a run that integrates it."""
         with self._function(f"energy{self._suffix}(t, u, v, p)", self._moving):
             self._line("total = 0.0")
             if self._follows_work:
@@ -256,7 +255,7 @@ class _Functions(Text):
     def history(self) -> None:
         """Write the functions of the springs between grains."""
         with self._function("advance(t, u, v, p)"):
-            self._line("out_of_line()")  # it is compiled once, though it has two callers
+            self._line("out_of_line()")  # compiled once, although it has two callers
             for text in self.grains:
                 text.advance()
             self._line("return 0.0")
@@ -290,7 +289,7 @@ class _Functions(Text):
     # The parts of these functions
 
     def _forces(self) -> None:
-        """Set all accelerations, by all forces but those between near points."""
+        """Set all accelerations, from all forces except forces between near points."""
         on_all, others = self._by_extent()
         rows = [links for links in self._links if links.is_row and len(links.runs) == 1 and links.size > 1]
         row = max(rows, key=lambda links: links.size, default=None)
@@ -301,7 +300,7 @@ class _Functions(Text):
                 block.forces()
 
     def _forces_on_part(self) -> None:
-        """Do so for the masses of a part. A force on masses of two parts is computed in both."""
+        """Set the accelerations of the masses of a part. A force on masses of two parts is computed in both."""
         begin = len(self._source.lines)
         on_all, others = self._by_extent()
         self._line(f"low, end = bounds({self._n}, part, parts)")
@@ -316,7 +315,7 @@ class _Functions(Text):
     def _every_mass(self, on_all: list[MassesText], row: LinksText | None, holding: list[LinksText]) -> None:
         """Set all accelerations, from the effects on all masses and, in the same loop, the longest row of links.
 
-        Along a row, the force of each link is kept for the next link, which shares a mass with it. `holding` are the
+        Along a row, the force of each link is kept for the next link, which shares a mass with it. `holding` has the
         links from supports to the first and last mass of the row.
         """
         start, stop = (row.runs[0, 2], row.runs[0, 2] + row.size + 1) if row else (self._n, self._n)
@@ -368,7 +367,7 @@ class _Functions(Text):
             self._line(f"{self._at('a', axis, i)} = {self._along(axis, i, accelerations, forces, pulls)}")
 
     def _by_extent(self) -> tuple[list[MassesText], list[BlockText]]:
-        """Return the effects on all masses, and those on some, but for near points."""
+        """Return the effects on all masses, and the effects on some masses, without forces between near points."""
         on_all = [masses for masses in self._bodies if masses.size == self._n and len(masses.runs) == 1]
         others = [masses for masses in self._bodies if masses not in on_all]
         return on_all, [*others, *self._links, *self._meshes]
@@ -385,7 +384,7 @@ class _Functions(Text):
     def _reset(self, group: GroupText, name: str) -> None:
         """Write the function that changes the state at the events of an effect on a group.
 
-        In a run that follows the work, the change of the energy is added to the work.
+        In a run that integrates the work, the change of the energy is added to the work.
         """
         law = group.laws[0]
         with group.member(f"{name}{self._suffix}(member, t, u, v, p)") as (s, i, j):
@@ -416,6 +415,6 @@ class _Functions(Text):
 
 
 def _acting(groups: Iterable[G]) -> list[G]:
-    """Return the groups with only those of their laws that are forces."""
+    """Return the groups with only the laws that are forces."""
     acting = [group.of_laws(group.having(*group.FORCES)) for group in groups]
     return [group for group in acting if group.laws]

@@ -1,4 +1,4 @@
-"""The base class of constraints: conditions on the positions of points that hold exactly, with the forces for it."""
+"""The base class of constraints: conditions on positions that hold exactly, enforced by reactions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numba.types import unliteral
 
 from .effect import REAL, Effect, arguments
 
-#: The imaginary part that gives the derivative of phi: its square vanishes beside 1.
+#: The imaginary part for the complex-step derivative of phi: its square is negligible relative to 1.
 TINY = 1e-100
 
 _POINTS = ("x0", "x1", "x2", "x3")
@@ -23,7 +23,7 @@ class Equation(NamedTuple):
     Attributes
     ----------
     first, second : (sequence of float, ndarray)
-        D and E: a factor for each of the points, and a constant vector. For D = E, `second` is `first`.
+        D and E: a factor for each point, and a constant vector. For D = E, `second` is `first`.
     scale, target : float
     """
 
@@ -36,11 +36,11 @@ class Equation(NamedTuple):
 class Constraint(Effect):
     """A condition on the positions of points.
 
-    A class has ``phi``, which is 0 as long as the condition holds. Its arguments can be the positions of the points,
-    x0, x1, x2 and x3 as tuples, and fields. It may have ``gradient``, a tuple with the derivatives of phi with respect
-    to the components of x0, then of x1, and so on. Without it, phi is also called with complex numbers, whose small
-    imaginary parts give the derivatives to round-off: phi then must not take absolute values, or compare numbers. The
-    force on a point is the gradient times the multiplier of the constraint, which is its reaction::
+    A class has ``phi``; the condition is phi = 0. Its arguments can be the positions of the points, x0, x1, x2 and x3
+    as tuples, and fields. A class may have ``gradient``, a tuple with the derivatives of phi with respect to the
+    components of x0, then of x1, and so on. Without it, the derivatives are computed by the complex-step method, exact
+    to round-off: phi then must not take absolute values, or compare numbers. The force on a point is the gradient times
+    the Lagrange multiplier of the constraint, which is its reaction::
 
         @dataclass(frozen=True, eq=False)
         class OnCircle(eig3.effects.Constraint):
@@ -53,17 +53,17 @@ class Constraint(Effect):
             def phi(x0, radius):
                 return (x0[0] * x0[0] + x0[1] * x0[1]) / (2 * radius) - radius / 2
 
-    Choose phi so that its gradient has no unit and a size near 1: its value is then a length, and its reaction a force.
+    Scale phi to a dimensionless gradient of size near 1: its value is then a length, and its reaction a force.
 
-    A class may also have ``target``, a function of t that returns a value with its rate and acceleration: phi then has
-    this value. It may be a field.
+    A class may also have ``target``, a function of t that returns a value with its rate and acceleration: the
+    condition is then phi = target. It may be a field.
 
     Attributes
     ----------
     takes : tuple of int
-        The number of points, in a tuple: from 1 to 4.
+        A tuple with the number of points, from 1 to 4.
     period : float
-        The period of phi if it is an angle, such as that of ``atan2``; 0 if it has none.
+        The period of phi if it is an angle, such as 2 pi for ``atan2``; 0 if phi has no period.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -84,7 +84,7 @@ class Constraint(Effect):
         points : list of ndarray, shape (dimension,)
             The positions of its points at the start.
         values : dict of str to float or ndarray
-            Its fields.
+            The fields of this member.
         """
         raise NotImplementedError
 

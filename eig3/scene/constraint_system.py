@@ -1,4 +1,4 @@
-"""The constraints of a scene: their rows, what is special about some of them, and whether they fit together."""
+"""The constraints of a scene: their rows, and a check that they hold and are independent at the start."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from .effect import Effect, Motion
 from .names import words
 from .placed import Placed
 
-_WRONG = 1e-9  # a value of phi at the start, as a part of the largest length, that is no round-off
-_DEPENDENT = 1e-10  # a pivot, as a part of the entry on the diagonal
-_NOTED = 1e-6  # a change of the velocities at the start, as a part of the largest one
+_WRONG = 1e-9  # the largest phi at the start, relative to the largest length, that is round-off
+_DEPENDENT = 1e-10  # the least pivot of independent rows, relative to the diagonal entry
+_NOTED = 1e-6  # a change of the initial velocities, relative to the largest velocity, that is reported
 _MOST_NAMED = 4  # constraints that an error names
 
 
@@ -41,7 +41,7 @@ class ConstraintSystem:
         The number of constraints by the title of their effect.
     effects : list of Effect
     kinds : list of (Placed, ndarray of int, shape (members,))
-        The constraints with functions of their own, or with a target that depends on the time, and their rows.
+        The constraints that define `phi`, or have a target that depends on the time, and their rows.
     """
 
     table: ConstraintTable
@@ -125,7 +125,7 @@ def _arm(cloud: Any, points: Sequence[int], factors: Any, constant: np.ndarray) 
 
 
 def fitting(system: ConstraintSystem, u0: np.ndarray, v0: np.ndarray, t: float) -> np.ndarray:
-    """Check the constraints at the start; return the velocities that are nearest to v0 and keep them.
+    """Check the constraints at the start; return the velocities nearest to v0 that satisfy them.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def fitting(system: ConstraintSystem, u0: np.ndarray, v0: np.ndarray, t: float) 
     Warns
     -----
     UserWarning
-        If v0 does not keep them.
+        If v0 violates the constraints.
     """
     table = system.table
     size = table.dimension * len(table.weights)
@@ -168,7 +168,7 @@ def fitting(system: ConstraintSystem, u0: np.ndarray, v0: np.ndarray, t: float) 
 
 
 def _driven(system: ConstraintSystem, t: float, values: np.ndarray) -> np.ndarray:
-    """Put targets that depend on the time into the values of phi; return their part of its rate."""
+    """Subtract targets that depend on the time from the values of phi; return their rates."""
     rates = np.zeros(len(values))
     for law, its_rows in system.kinds:
         assert isinstance(law.effect, Constraint)
@@ -189,7 +189,7 @@ def _driven(system: ConstraintSystem, t: float, values: np.ndarray) -> np.ndarra
 
 
 def _linearised(system: ConstraintSystem, places: np.ndarray) -> tuple[np.ndarray, csr_array]:
-    """Return phi and its gradients for masses at some places."""
+    """Return phi and its gradients for masses at given positions."""
     table = system.table
     arms = np.array([arm.factors @ places[arm.points] + arm.constant for arm in table.arms])
     values, slopes = np.zeros(len(table.rows)), np.zeros((table.own_arms, table.dimension))
@@ -210,7 +210,7 @@ def _linearised(system: ConstraintSystem, places: np.ndarray) -> tuple[np.ndarra
 
 
 def _own(law: Placed, member: int, places: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return phi of a constraint of its own, and its gradients."""
+    """Return the value and the gradients of a constraint that defines `phi`."""
 
     def call(function: str, x: np.ndarray) -> Any:
         return law.call(function, member, {f"x{k}": tuple(place) for k, place in enumerate(x.tolist())})
@@ -227,7 +227,7 @@ def _own(law: Placed, member: int, places: np.ndarray) -> tuple[float, np.ndarra
 
 
 def _factors(system: ConstraintSystem, product: csc_array) -> Any:
-    """Return the function that solves with G W G^T, whose pivots tell which constraints depend on each other."""
+    """Return the function that solves with G W G^T, after a check of its pivots for dependent constraints."""
     diagonal = product.diagonal()
     try:
         factors = splu(product, diag_pivot_thresh=0.0, options={"SymmetricMode": True})

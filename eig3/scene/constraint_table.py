@@ -33,16 +33,17 @@ class Arm:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """A constraint s (D . E - c) = 0, or one of its own.
+    """A constraint s (D . E - c) = 0, or a constraint that defines `phi`.
 
     Attributes
     ----------
     arms : tuple of int
-        The numbers of D and E among the arms; for a constraint of its own, those of the positions of its points.
+        The indices of D and E among the arms; for a constraint that defines `phi`, the indices of the positions of its
+        points.
     scale, target : float
         s and c.
     slopes : tuple of int
-        The arms for the gradients of a constraint of its own, one for each of its points.
+        The arms for the gradients of a constraint that defines `phi`, one for each of its points.
     """
 
     arms: tuple[int, ...]
@@ -63,7 +64,7 @@ class Packed(NamedTuple):
     areas, begins : Areas
         Its areas, and their places in p.
     structure : (int, ndarray)
-        The place in p of the part that says which points belong to which row, and this part.
+        The place in p of the sparsity structure (which points belong to which row), and the structure.
     """
 
     values: np.ndarray
@@ -85,11 +86,11 @@ class ConstraintTable:
     arms : list of Arm
     rows : list of Row
     own_arms : int
-        The number of arms for the gradients of constraints of their own. They follow the others.
+        The number of arms for the gradients of constraints that define `phi`. They follow the other arms.
     length : float
         The largest length of the scene, m.
     degrees : int
-        The number of degrees of freedom of a run at most.
+        The largest number of degrees of freedom of a run.
     """
 
     weights: np.ndarray
@@ -110,7 +111,7 @@ class ConstraintTable:
         count = len(self.rows), len(self.weights), len(self.arms), len(self.arms) + self.own_arms, len(entries)
         head = [*count, self.length, 0.0, 0.0]
         table = np.column_stack([begins, [len(area) for area in areas]]).ravel()
-        # 32-bit integers have no index in p
+        # 32-bit integers are stored in pairs, and have no separate index in p
         places = [int(begin) if k < FLOATS else None for k, begin in enumerate(begins)]
         structure = int(begins[FLOATS]), np.concatenate(parts[FLOATS:])
         return Packed(np.concatenate([head, table, *parts]), order, areas, Areas(*places), structure)
@@ -180,14 +181,14 @@ class ConstraintTable:
 
 
 def _order(entries: np.ndarray, rows: int, n: int) -> np.ndarray:
-    """Return the rows in an order in which S has a small profile."""
+    """Return an order of the rows that gives S a small profile."""
     row, point = entries[:, 0].astype(int), entries[:, 1].astype(int)
     touches = csr_array((np.ones(len(row)), (row, point)), shape=(rows, n))
     return np.asarray(reverse_cuthill_mckee(csr_array(touches @ touches.T), symmetric_mode=True))
 
 
 def _profile(row: np.ndarray, point: np.ndarray, rows: int, n: int) -> tuple[np.ndarray, ...]:
-    """Return the profile of S, and the pairs of entries that make its numbers."""
+    """Return the profile of S, and the pairs of entries whose products sum to its entries."""
     holds = csr_array((np.ones(len(row)), (np.arange(len(row)), point)), shape=(len(row), n))
     both = (holds @ holds.T).tocoo()
     left, right = both.row, both.col

@@ -1,6 +1,6 @@
 """Write the functions of the constraints of a scene as lines of Python source.
 
-In the source, c are the areas of their table, and row is the number of a row in it.
+In the source, c has the areas of the table of constraints, and row is the index of a row.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class ConstraintText(Text):
         packed = system.table.packed(self._place)
         source.add(packed.values)
         self._laws = [(source.symbols(law), rows) for law, rows in system.kinds]
-        # the place in p of the number of each row, in the order in which they were added, among those of the table
+        # the place in p of the table index of each row, in the order in which the rows were added
         self._order = source.add(np.argsort(packed.order))
         self.unrolled = UnrolledText(system.table, packed, self._place) if is_few(assembly) else None
         used = ["areas", "STAND", "CONSTRAIN", "REACT", "PROJECT", "LEAP", "strike"]
@@ -43,7 +43,7 @@ class ConstraintText(Text):
             source.functions |= {"batch": neighbours.batch, "nan": math.nan, "inf": math.inf}
 
     def functions(self) -> None:
-        """Write the functions, all but that of the accelerations that do not know the constraints."""
+        """Write all functions except the accelerations without constraints."""
         areas = f"c = areas(memory(p), {self._place})"
         if self._laws:
             with self._function("own(task, t, u, v, p)"):
@@ -69,7 +69,7 @@ class ConstraintText(Text):
                 self._line(*self.unrolled.reactions())
 
     def _effort(self, a: str, *react: str) -> None:
-        """Add the power of the constraints that depend on the time, in a run that follows the work."""
+        """Add the power of the constraints that depend on the time, in a run that integrates the work."""
         if self._follows_work and self._system.depends_on_time:
             with self._block(f"if len(u) > {self._work}"):
                 self._line(f"c = areas(memory(p), {self._place})", *react)
@@ -83,19 +83,19 @@ class ConstraintText(Text):
             self._line("c.before[k] = v[k]")
 
     def after_impulse(self, free: str = "-1.0") -> None:
-        """Let the constraints take part in the impulse of an event."""
+        """Add the impulses of the constraints to the impulse of an event."""
         self._line(f"success = {self._hold('STAND', 'memory(u), v, v')}")
         self._line(f"strike(success, v, {free}, memory(p), {self._place}, {self._d})")
 
     def _hold(self, task: str, arrays: str, number: str = "0.0") -> str:
-        """The call of the library that does a task with the constraints."""
+        """The call of the kernel function that does a task with the constraints."""
         own = "own_address(own)" if self._laws else "0"
         return f"hold({task}, {own}, t, {number}, {arrays}, memory(p), {self._place})"
 
     def _own_rows(
         self,
     ) -> None:
-        """Write what the table does not know: targets that depend on the time, and constraints of their own."""
+        """Write rows that the table cannot describe: targets that depend on the time, and constraints with `phi`."""
         table = self._system.table
         if table.own_arms:
             with self._block("if task != PLACE"):

@@ -1,4 +1,4 @@
-"""What a scene is made of: points, and the effects on them."""
+"""The content of a scene: points, and the effects on them."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Points:
         return Points(self.scene, _constant(np.asarray(self.numbers[index])))
 
     def positions(self, u: ArrayLike, t: ArrayLike | None = None) -> np.ndarray:
-        """Return the positions of these points in a run, m, also of fixed and of moved ones.
+        """Return the positions of these points in a run, m, including fixed and moved points.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class Points:
         return self.scene._values_of(self.numbers, u, t)
 
     def velocities(self, v: ArrayLike, t: ArrayLike | None = None) -> np.ndarray:
-        """Return the velocities of these points in a run, m/s; 0 for fixed ones that no `Motion` moves.
+        """Return the velocities of these points in a run, m/s; 0 for fixed points without a `Motion`.
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ class Axes(Points):
     """The unit vectors of one rigid body."""
 
     def across(self) -> tuple[Points, Points]:
-        """Return the first one, and the vector of the ground that it is at the start."""
+        """Return the first vector, and the vector of the ground that equals it at the start."""
         fixed = self.scene.fixed(self.position[0])
         self.scene._bodies.vectors.append(int(fixed.numbers))
         return self[0], fixed
@@ -192,7 +192,7 @@ class Description:
         velocity : array_like, shape (..., dimension), optional
             m/s; 0 if not given.
         inertia : float or array_like, shape (...), optional
-            The moment of inertia of a disc or a sphere, kg m^2: the masses then spin. Without it, nothing turns them.
+            The moment of inertia of a disc or a sphere, kg m^2: the masses then have rotational degrees of freedom.
         angular_velocity : array_like, shape (...) in the plane, or (..., 3) in space, optional
             rad/s; 0 if not given.
 
@@ -236,19 +236,20 @@ class Description:
             points of the same shape or as one point for many. A `Motion` takes fixed points. A `Cell` takes the points
             of each of its corners, in the same way as a link. A `Weld` takes rigid bodies.
 
-            A `Link` with a cutoff also takes one array of points, and then acts between all pairs of them. The compiled
-            code keeps a list of the pairs that are near each other, so that the time of a step grows as the number of
-            points. Its parameters are numbers; those in `Link.mixed` may have a value for each point, and a pair has
-            the mean of the values of its points.
+            A `Link` with a cutoff also takes one array of points, and then acts between all pairs of these points. A
+            neighbour list keeps the time of a step proportional to the number of points. The parameters are numbers;
+            the parameters in `Link.mixed` may have a value for each point, and a pair then has the mean of the values
+            of its points.
         others : Points, optional
-            The link acts between all pairs of a point and one of these. Only the former can have values of their own.
+            The link acts between all pairs of a point of the first array and a point of `others`. Only the first array
+            can have parameters for each point.
         exclude_bonded : collection of "1-2", "1-3" and "1-4"
-            Leave out the ends of a bond, of two bonds in a row, or of three. Bonds are links and constraints of two
-            points, the edges of cells with a volume, and those between the points of a rigid body.
+            Exclude pairs that are one, two or three bonds apart. Bonds are links and constraints of two points, the
+            edges of cells with a volume, and all pairs of points of a rigid body.
         neighbor_capacity : int, optional
-            The number of pairs of each point for which the list has memory. By default it is twice that at the start,
-            and at least that of a dense packing. A state with more pairs costs more time: they are then looked for in
-            each evaluation.
+            The number of pairs of each point for which the neighbour list has memory. By default it is twice the number
+            at the start, and at least the number in a dense packing. With more pairs the results stay correct, but each
+            evaluation then searches for the pairs and takes longer.
 
         Raises
         ------
@@ -334,7 +335,7 @@ class Description:
         return Points(self, _constant(numbers))
 
     def _cloud(self) -> Cloud:
-        """Return all points. Their parts are joined here, not when points are added, which may be one by one."""
+        """Return all points. Their arrays are joined here, because points may be added one by one."""
         if len(self._parts) > 1:
             self._parts = [tuple(np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))]
         if not self._parts:
@@ -366,7 +367,7 @@ class Description:
         return moments.ravel(), spins.reshape(-1, angles)
 
     def _check_box(self, box: Sequence[float | None] | None) -> np.ndarray:
-        """Return the sides of the box, which are 0 along axes without repetition."""
+        """Return the sides of the box, which are 0 along axes that are not periodic."""
         if box is None:
             return np.zeros(self.dimension)
         sides = reals([0.0 if side is None else side for side in np.atleast_1d(np.array(box, dtype=object))], "box")
@@ -397,11 +398,11 @@ class Description:
     def _values_of(
         self, numbers: np.ndarray, given: ArrayLike, t: ArrayLike | None = None, rate: int = 0, angles: bool = False
     ) -> np.ndarray:
-        """Return the values of points, or of their angles. Fixed points have their position, or for rate=1 its rate."""
+        """Return the values of points, or of their angles; for fixed points the position, or its rate for rate=1."""
         values, cloud = np.asarray(given, dtype=np.float64), self._cloud()
         free, kinds = cloud.free, cloud.spins.shape[1]
         if angles and not kinds:
-            raise ValueError("no mass of the scene has an inertia, so that none has an angle.")
+            raise ValueError("no mass of the scene has an inertia, and thus an angle: pass inertia to scene.mass.")
         is_fixed = free[numbers] < 0
         if angles and is_fixed.any():
             raise ValueError("fixed points have no angles; only masses do.")
@@ -410,7 +411,7 @@ class Description:
         expected = count * (self.dimension + kinds) + count_states(cloud, self._placed)
         if size != expected:
             raise ValueError(
-                f"values must have {expected} degrees of freedom on the last axis, such as those of "
+                f"values must have {expected} degrees of freedom on the last axis, as has "
                 f"solution.u of this scene, not {size}."
             )
         parts = self.dimension + np.arange(kinds) if angles else np.arange(self.dimension)
@@ -422,7 +423,7 @@ class Description:
         return taken[..., 0] if parts.size == 1 else taken
 
     def _check_massless(self, effect: Body) -> None:
-        """Refuse an effect that takes the mass of a point which has none."""
+        """Refuse an effect that needs a mass on a point without a mass."""
         functions = effect.functions()
         if "acceleration" in functions or any("m" in arguments(function) for function in functions.values()):
             raise ValueError(f"{effect.title} acts on masses, and a point of a rigid body has none: give body.centre.")
@@ -448,7 +449,7 @@ class Description:
         return found
 
     def _carried_of(self, numbers: np.ndarray, values: np.ndarray, t: ArrayLike | None, rate: int) -> np.ndarray:
-        """Return the values of points of which a body carries some."""
+        """Return the values of points, some of which are points of bodies."""
         found = []
         for number in numbers.ravel().tolist():
             parts, factors = self._bodies.carried.get(number, (np.array([number]), np.ones(1)))
@@ -456,7 +457,7 @@ class Description:
         return np.stack(found, axis=-2).reshape(*values.shape[:-1], *numbers.shape, self.dimension)
 
     def _carry(self, parts: np.ndarray, factors: np.ndarray, is_vector: bool) -> Points:
-        """Add points that are sums of the positions of others, with factors of shape (..., parts)."""
+        """Add points that are linear combinations of others, with factors of shape (..., parts)."""
         cloud = self._cloud()
         shape = *factors.shape[:-1], self.dimension
         position = (factors @ cloud.positions[parts]).reshape(shape)

@@ -1,4 +1,4 @@
-"""The base classes of effects. An effect is a record of its parameters, with compiled functions such as `force`."""
+"""The base classes of effects. An effect is a dataclass of parameters with compiled functions such as `force`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..kernels.compile.numba_internals import Jitted, gist
 from ..keywords import refuse_unknown
 from .fields import annotations_of, check_fields
 
-#: The functions that cause accelerations: those of a `Body`, of a `Link` and of a `Cell`.
+#: The functions of a `Body`, a `Link` or a `Cell` that cause accelerations.
 FORCES = ("force", "acceleration", "tension", "force_density", "forces", "torque", "stress")
 #: The functions that change the state where the event of an effect occurs.
 RESETS = ("velocity_after", "rate_after", "state_after")
@@ -34,27 +34,27 @@ _ARRAY = numba.types.Array(numba.float64, 1, "C", readonly=True)
 class Effect:
     """The base class of all effects.
 
-    Derive from `Body`, `Link`, `Motion` or a kind of `Cell`, and decorate the class with
+    To define an effect, derive from `Body`, `Link`, `Motion` or a kind of `Cell`, and decorate the class with
     ``@dataclass(frozen=True, eq=False)``.
 
     The fields are the parameters. A field is a number, or an array with one number for each of the points, unless it is
     named in `vectors` or `arrays`. ``__post_init__`` computes a field with ``init=False``. A field must not have the
     name of an attribute of the base class, such as `source`.
 
-    The functions are static methods compiled with ``eig3.jit``. The names of their arguments say what they read:
-    fields, and what `Body`, `Link` or `Motion` offers. A function without v or rate does not read the velocity, and the
-    scene then does not compute it.
+    The functions are static methods compiled with ``eig3.jit``. The names of their arguments select what they read:
+    fields, and the quantities that `Body`, `Link` or `Motion` offers. The scene computes only the quantities that are
+    read.
 
-    ``event`` returns a number, and the event of an effect occurs where this number changes its sign. There
-    ``velocity_after`` of a `Body` or ``rate_after`` of a `Link` returns the new velocity, or the new rate at which the
-    distance grows, and ``state_after`` returns the new state, from the values before the event. A state is a number
-    that every function of the effect can take as its argument `state`: it is 0 at the start and constant between
-    events. Each of the points or pairs has an event and a state of its own.
+    The event of an effect occurs where the value of the function ``event`` changes its sign. At the event,
+    ``velocity_after`` of a `Body` returns the new velocity, ``rate_after`` of a `Link` the new rate of the distance,
+    and ``state_after`` the new state, from the values before the event. A state is a number that every function of the
+    effect can take as its argument `state`: it is 0 at the start and constant between events. Each point or pair has a
+    separate event and state.
 
     Attributes
     ----------
     dimensions : tuple of int
-        The dimensions of the scenes that the effect can be in.
+        The dimensions of scenes that can have the effect.
     vectors : tuple of str
         The fields that hold a vector with a component for each dimension. The functions get a tuple.
     arrays : tuple of str
@@ -62,17 +62,17 @@ class Effect:
         a read-only one-dimensional array. Each effect with an array is compiled separately, so add one such effect to
         many points rather than many effects to one point each.
     nonnegative : tuple of str
-        The fields that must not be negative. This is checked when the effect is made.
+        The fields that must not be negative. The constructor checks this.
     crossing : {-1, 0, 1}
         The changes of sign at which the event occurs: 1 from negative to positive only, -1 from positive to negative
         only, 0 both.
     source : str
-        Where the formula comes from.
+        The source of the formula in the literature.
     picture : str
-        What animations draw: of a `Link` a "line", a "spring", a "string" until its state is no longer 0, "discs"
-        around its ends that touch at the field contact_distance, or nothing for ""; of a `Body` a "plane" with the
-        fields normal and offset, or nothing; of a `Cell` of three or four points the "surface" of its mesh, or nothing.
-        "weight" draws scenes of one dimension upright.
+        What animations draw: for a `Link` a "line", a "spring", a "string" until its state is no longer 0, "discs"
+        around its ends that touch at the field contact_distance, or nothing for ""; for a `Body` a "plane" with the
+        fields normal and offset, or nothing; for a `Cell` of three or four points the "surface" of its mesh, or
+        nothing. "weight" draws one-dimensional scenes vertically.
     """
 
     dimensions: ClassVar[tuple[int, ...]] = (1, 2, 3)
@@ -103,7 +103,7 @@ class Effect:
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
-        """Check the parameters. An effect with checks of its own calls this method first."""
+        """Check the parameters. An effect with further checks calls this method first."""
         for name in set(self._read()) & set(_given(self)):
             self._reals(name)
         self._check_names("nonnegative")
@@ -176,7 +176,7 @@ class Effect:
         return values
 
     def snapshot(self) -> Any:
-        """Return a copy that does not change if the caller later changes the lists and arrays that it passed."""
+        """Return a copy that is independent of the lists and arrays that the caller passed."""
         fields = {name: getattr(self, name, None) for name in _fields(self)}
         copies = {name: copy.copy(value) for name, value in fields.items() if isinstance(value, list | np.ndarray)}
         if not copies:
@@ -192,7 +192,7 @@ class Effect:
         Raises
         ------
         TypeError, ValueError
-            If it cannot. The error names the effect.
+            If the scene cannot. The error names the effect.
         """
         self._check_computed()
         for what in ("vectors", "arrays"):
@@ -238,7 +238,7 @@ class Effect:
                 )
 
     def _check_event(self, functions: dict[str, Any]) -> None:
-        """Refuse what happens at an event without an event, and a state that never changes."""
+        """Refuse a reset without an event, and a state that never changes."""
         if self.crossing not in (-1, 0, 1):
             raise ValueError(f"crossing of {self.title} must be -1, 0 or 1, not {self.crossing!r}.")
         resets = [name for name in RESETS if name in functions]
@@ -278,7 +278,7 @@ class Effect:
         return given | dict.fromkeys(self.arrays, _ARRAY)
 
     def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
-        """Refuse a function that returns another type than a scene needs."""
+        """Refuse a function that returns a wrong type."""
         vectors = dict.fromkeys(("force", "acceleration", "velocity_after"), dimension)
         numbers = {**vectors, "motion": 2}.get(name)
         parts = [returned] if numbers is None else list(returned) if isinstance(returned, numba.types.BaseTuple) else []
@@ -287,11 +287,11 @@ class Effect:
             raise TypeError(f"{name} of {self.title} must return {wanted} here, not {unliteral(returned)}.")
 
     def shape_columns(self, rest: list[np.ndarray]) -> dict[str, np.ndarray]:
-        """Return further columns, which follow from the positions at rest; see `Cell`."""
+        """Return columns that are computed from the positions at rest; see `Cell`."""
         return {}
 
     def resolved(self, points: tuple[Any, ...]) -> tuple[Effect, tuple[Any, ...]]:
-        """Return the effect and the points that stand for it on what the user gives, such as on rigid bodies."""
+        """Return the effect and its points for the arguments that the user gives, such as rigid bodies."""
         return self, points
 
     def check_points(
@@ -314,7 +314,7 @@ class Effect:
         """
 
     def require(self, condition: Any, what: str) -> None:
-        """Raise a ValueError if a condition on a field is false. `what` says it, as in "width must be positive"."""
+        """Raise a ValueError if a condition on a field is false. `what` is the message, as "width must be positive"."""
         if not np.all(condition):
             name, _, rest = what.partition(" ")
             raise ValueError(f"{name} of {self.title} {rest}.")
@@ -331,7 +331,7 @@ class Effect:
 
 
 class Body(Effect):
-    """An effect on masses, one by one.
+    """An effect on single masses.
 
     A class has ``force`` or ``acceleration``, which return a tuple with a component for each dimension. It may have
     ``potential``, an energy; the force is then minus its gradient. Their arguments can be the time t, the position x
@@ -353,8 +353,8 @@ class Body(Effect):
                 f = samples[min(int(t / interval), samples.size - 1)]
                 return f * direction[0], f * direction[1]
 
-    The function ``event`` and what happens there, ``velocity_after`` and ``state_after``, can take the same arguments
-    as a force: see `Effect`.
+    The functions ``event``, ``velocity_after`` and ``state_after`` can take the same arguments as a force: see
+    `Effect`.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -374,26 +374,26 @@ class Body(Effect):
 class Link(Effect):
     """An effect between two points, along the line through them.
 
-    A class has ``tension``, the force that pulls the points together, or ``force_density``, that force divided by the
+    A class has ``tension``, the attractive force between the points, or ``force_density``, the tension divided by the
     distance. It may have ``potential``, an energy; the tension is then its derivative with respect to the distance.
-    Their arguments can be the time t, the distance r, the rate at which r grows, rate, and fields; see `Body` for
-    `vectors`, `arrays` and `nonnegative`. In one dimension the r of a link between two given points has a sign: it is
-    positive while they are in the same order as at the start, and negative after they have passed each other. Near
-    points and the points of a periodic box have no order: r is their distance.
+    Their arguments can be the time t, the distance r, its time derivative rate, and fields; see `Body` for `vectors`,
+    `arrays` and `nonnegative`. In one dimension the r of a link between two given points has a sign: it is positive
+    while the points are in the same order as at the start, and negative after they have passed each other. For pair
+    forces, and in a periodic box, r is the distance.
 
-    The function ``event`` and what happens there, ``rate_after`` and ``state_after``, can take the same arguments as a
-    tension: see `Effect`. The scene gives the two ends the velocities that have the new rate and the same momentum.
+    The functions ``event``, ``rate_after`` and ``state_after`` can take the same arguments as a tension: see `Effect`.
+    The scene applies opposite impulses to the two ends, which conserve the momentum and produce the new rate.
 
-    A field named ``rest_length`` is a rest length: where it is not 0, the points must not coincide at the start.
+    If a link has a field ``rest_length`` that is not 0, its points must not coincide at the start.
 
     Attributes
     ----------
     cutoff_field : str
-        The name of a field that holds a distance from which on all functions of the link are 0. Such links are skipped
-        before their distance is computed, which makes contacts between many pairs of masses fast. Empty for links
-        without a cutoff.
+        The name of the field with the distance beyond which all functions of the link are 0. Pairs beyond it are
+        skipped before their distance is computed, which makes contacts between many pairs fast. Empty for links without
+        a cutoff.
     mixed : tuple of str
-        The fields that can have a value for each point of a group: see `Scene.add`.
+        The fields that can have a value for each point of a pair force: see `Scene.add`.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -409,7 +409,7 @@ class Link(Effect):
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
     ) -> None:
         if ((masses[0] == 0) & (masses[1] == 0)).any():
-            raise ValueError(f"{self.title} joins two fixed points, so that it cannot move anything.")
+            raise ValueError(f"{self.title} joins two fixed points, which cannot move: give a mass as one end.")
         for name in {"rest_length", self.cutoff_field} & set(columns):
             self.require(columns[name] >= 0, f"{name} must not be negative")
         if (self.needs_direction(columns) & (positions[0] == positions[1]).all(axis=-1)).any():
@@ -441,7 +441,7 @@ class Motion(Effect):
     takes: ClassVar[tuple[int, ...]] = (1,)
 
     def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
-        return super().columns((), dimension)  # one motion, however many points it moves
+        return super().columns((), dimension)  # one motion for all points that it moves
 
     def check(self, dimension: int) -> None:
         super().check(dimension)

@@ -1,10 +1,10 @@
-"""Estimate how hard the points of a scene strike each other and its planes, from the energy that they have.
+"""Estimate how hard the points of a scene strike each other and its planes, from their energy.
 
-Two points come as close as the work of the force between them allows: up to where it is their energy. The stiffness
-there, which the force itself gives by differences, is one of the highest in the motion. In the exact motion of two
-points on which nothing else acts, it is a bound. Of many points, it is an estimate: what collides has the energy of the
-two fastest at the start, with the speed that the forces on single masses would give them over the span, and of the pair
-that is pressed most at the start.
+Two points approach until the work against the force between them equals their kinetic energy. The stiffness there,
+by differences of the force, is among the highest in the motion. For two points on which nothing else acts, it is a
+bound. For many points it is an estimate: the energy of a collision is the energy of the two fastest points at the
+start, with the speed that the forces on single masses would add over the span, and of the most compressed pair at the
+start.
 """
 
 from __future__ import annotations
@@ -23,35 +23,35 @@ from .frictional_contact import FrictionalContact
 from .pair_force import PairForce, near_pairs
 from .placed import Placed
 
-_LEAST, _HALF, _CLOSEST = 1e-8, 0.5, 1e-12  # parts of a cutoff: where the way of a pair begins, is halved, and ends
-_DEPTHS = 1e-18, 1e6  # the way into a plane, m
-_IN_A_DECADE = 100  # points on these ways
-_DIFFERENCE = 1e-4  # of a distance or a speed, relative to it
+_LEAST, _HALF, _CLOSEST = 1e-8, 0.5, 1e-12  # of the cutoff: where the approach of a pair begins, is halved, and ends
+_DEPTHS = 1e-18, 1e6  # depths of penetration into a plane, m
+_IN_A_DECADE = 100  # distances in a decade
+_DIFFERENCE = 1e-4  # the relative step of differences over a distance or a speed
 
-#: The force that pushes two points apart, at a distance, where they come closer at a rate.
+#: The repulsive force of two points, as a function of their distance and of its rate.
 Push = Callable[[float, float], float]
 
 
 @dataclass(frozen=True, eq=False)
 class _Meeting:
-    """How two points meet, or a point and a plane.
+    """The collision of two points, or of a point and a plane.
 
     Attributes
     ----------
     push : Push
     way : ndarray
-        Distances from the first contact on, which fall.
+        Decreasing distances, from the first contact on.
     begin : float
-        The least distance at the start, on this way.
+        The least distance at the start.
     energy, speed : float
-        Those of the two, J and m/s.
+        The energy and the speed of the two points, J and m/s.
     inverse : float
-        The inverse of their effective mass, times the number of contacts that act like one: in the densest lattices of
-        d dimensions, the highest frequency is that of a pair times the root of d + 1.
+        The inverse of their effective mass, times the number of contacts that act together: in the densest lattices of
+        d dimensions, the highest frequency is sqrt(d + 1) times the frequency of a pair.
     slide : Callable or None
-        It returns the stiffness and the damping along the surfaces at a distance.
+        A function that returns the tangential stiffness and damping at a distance.
     turning : float
-        The inverse of the effective mass along the surfaces.
+        The inverse of the effective tangential mass.
     """
 
     push: Push
@@ -64,12 +64,12 @@ class _Meeting:
     turning: float = 0.0
 
     def hardest(self) -> Iterator[tuple[float, float]]:
-        """Return the squared frequency and the rate of damping of the two where they are stiffest on their way.
+        """Return the squared frequencies and the damping rates of the stiffest states of the approach.
 
         Raises
         ------
         ArithmeticError
-            If they pull each other ever more, so that nothing keeps them apart.
+            If the points attract each other without any repulsion.
         """
         way, forces = self.way, [self.push(r, 0.0) for r in self.way.tolist()]
         steps = np.concatenate([[0.0], -np.diff(way) * (np.array(forces[1:]) + forces[:-1]) / 2])
@@ -99,7 +99,7 @@ class _Meeting:
 
 
 class Encounters:
-    """The meetings of the points of a scene."""
+    """The possible collisions of the points of a scene."""
 
     def __init__(self, assembly: Assembly) -> None:
         self._assembly, cloud = assembly, assembly.cloud
@@ -109,15 +109,15 @@ class Encounters:
 
     @classmethod
     def of(cls, assembly: Assembly) -> Encounters | None:
-        """Return the encounters of a scene; None if nothing can meet, or points have no effective mass of their own."""
+        """Return the encounters of a scene; None if nothing can collide, or points have no separate effective mass."""
         self = cls(assembly)
         meets = bool(assembly.pair_forces or any(self._of_links()) or any(self._planes()))
         return self if meets and not assembly.cloud.bodies.vectors else None
 
     def __call__(self, t: float, u: np.ndarray, v: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the squared frequencies and the rates of damping of the hardest encounters, each from a start.
+        """Return the squared frequencies and the damping rates of the hardest collisions.
 
-        None if nothing keeps two points apart that pull each other.
+        None if two points attract each other without any repulsion.
         """
         shape, count = (self._dimension, -1), self._dimension * self._masses.size
         x, velocity = u[:count].reshape(shape).T, v[:count].reshape(shape).T
@@ -130,7 +130,7 @@ class Encounters:
         k, c = np.array([one for one in found if one[0] > 0 and np.isfinite(one).all()]).reshape(-1, 2).T
         return k, c
 
-    # What acts ------------------------------------------------------------------------------------------------------
+    # Forces ---------------------------------------------------------------------------------------------------------
 
     def _of_links(self) -> Iterator[tuple[Group, list[Placed]]]:
         for group in self._assembly.links:
@@ -147,7 +147,7 @@ class Encounters:
                     yield group, law
 
     def _pulls(self, t: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """The accelerations by the forces on single masses but those of planes."""
+        """The accelerations by the forces on single masses, without the forces of planes."""
         a, planes = np.zeros_like(x), [law for _, law in self._planes()]
         for group in self._assembly.bodies:
             for law in (law for law in group.laws if law not in planes):
@@ -158,7 +158,7 @@ class Encounters:
                         a[i] += np.array(law.call(name, s, given)) / (m if name == "force" else 1.0)
         return a
 
-    # What meets -----------------------------------------------------------------------------------------------------
+    # Collisions -----------------------------------------------------------------------------------------------------
 
     def _pairs(self, t: float, x: np.ndarray, speeds: np.ndarray) -> Iterator[_Meeting]:
         """The links with a cutoff between given points."""
@@ -174,7 +174,7 @@ class Encounters:
                 yield _meeting(t, laws, s, depth, energy, speed, crowd * inverse)
 
     def _pair_forces(self, t: float, x: np.ndarray, speeds: np.ndarray) -> Iterator[_Meeting]:
-        """The links between near points. Those between the same points act together."""
+        """The pair forces. Forces between the same points act together."""
         cloud, together = self._assembly.cloud, dict[Any, list[PairForce]]()
         for pair_force in self._assembly.pair_forces:
             together.setdefault((pair_force.first.tobytes(), pair_force.second.tobytes()), []).append(pair_force)
@@ -197,7 +197,7 @@ class Encounters:
                 yield self._rolling(meeting, t, pair_forces[0], s, of_two(inverses), bool(second.size))
 
     def _rolling(self, meeting: _Meeting, t: float, law: Placed, s: int, inverse: float, has_groups: bool) -> _Meeting:
-        """Return a meeting of grains, which have a radius, a mass, and springs along their surfaces."""
+        """Return a collision of grains, which have a radius, a mass, and tangential springs."""
         if not isinstance(law.effect, FrictionalContact):
             return meeting
         reach = float(law.value("contact_distance", s))
@@ -221,7 +221,7 @@ class Encounters:
         return replace(meeting, push=push, slide=slide, turning=crowd * (inverse + turns))
 
     def _depth(self, pair_force: PairForce, x: np.ndarray) -> float:
-        """The largest distance by which two points are within their cutoff at the start."""
+        """The largest overlap of two points, as a depth within their cutoff, at the start."""
         bonded = bonded_pairs(self._assembly.bonds, pair_force.exclude_bonded)
         ends, cutoffs = near_pairs(pair_force, self._assembly.cloud, x.T.ravel(), bonded)
         return float((cutoffs - self._distances(*ends)).max(initial=0.0))
@@ -253,7 +253,7 @@ class Encounters:
 def _meeting(
     t: float, laws: Sequence[Placed], s: int, depth: float, energy: float, speed: float, inverse: float
 ) -> _Meeting:
-    """Return the meeting of two points by laws with a cutoff; `depth` is how far within it they are at the start."""
+    """Return the collision of two points by laws with a cutoff; `depth` is their depth within it at the start."""
     reach = max(float(law.value(law.effect.cutoff_field, s)) for law in laws)
     decades = [math.log10(_HALF / part) for part in (_LEAST, _CLOSEST)]
     far, near = (round(_IN_A_DECADE * d) for d in decades)

@@ -1,4 +1,4 @@
-"""Check the names of an effect's fields when its class is made, before the dataclass decorator stumbles over them."""
+"""Check the names of an effect's fields when its class is defined, before the dataclass decorator fails on them."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from .names import identifier
 
 
 def check_fields(cls: type, kind: type) -> None:
-    """Check that Python reads the names of the fields as they are, and that no field replaces an attribute of `kind`.
+    """Check that Python keeps the names of the fields unchanged, and that no field replaces an attribute of `kind`.
 
     Raises
     ------
     TypeError
-        If not. The error names the class and the field.
+        If a field fails a check. The error names the class and the field.
     """
     for name in _declared(cls):
         plain = identifier(name)
@@ -35,7 +35,7 @@ def check_fields(cls: type, kind: type) -> None:
 
 def annotations_of(cls: type) -> dict[str, Any]:
     """Return the annotations in the body of a class."""
-    if sys.version_info >= (3, 14):  # there the values are evaluated here, and may name what is not yet defined
+    if sys.version_info >= (3, 14):  # annotations are evaluated on access, and may use names that are not yet defined
         import annotationlib
 
         return annotationlib.get_annotations(cls, format=annotationlib.Format.FORWARDREF)

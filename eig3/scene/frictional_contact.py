@@ -1,4 +1,4 @@
-"""The base class of contacts with friction, between grains that may spin."""
+"""The base class of frictional contacts between grains, which may rotate."""
 
 from __future__ import annotations
 
@@ -10,21 +10,20 @@ _OF_CONTACT = ("t", "r", "rate", "radius", "mass")
 
 
 class FrictionalContact(Link):
-    """A contact with friction between near points, with a spring along the surfaces that touch.
+    """A frictional contact between near points, with a tangential spring.
 
-    A class has ``tension``, the force along the line through the points as for a `Link`, and ``shear_stiffness``, the
-    stiffness k of the spring along the surfaces, N/m. It may have ``shear_damping``, N s/m. The fields
-    contact_distance, at which two points touch, and friction belong to every such class. The arguments can be the time
-    t, the distance r, the rate at which r grows, rate, the effective radius of the two, radius, which is
-    R1 R2 / (R1 + R2), their effective mass, mass, which is m1 m2 / (m1 + m2), and fields.
+    A class has ``tension``, the normal force as for a `Link`, and ``shear_stiffness``, the stiffness k of the
+    tangential spring, N/m. It may have ``shear_damping``, N s/m. Every class has the fields contact_distance, at which
+    two points touch, and friction. The arguments can be the time t, the distance r, its time derivative rate, the
+    effective radius, radius = R1 R2 / (R1 + R2), the effective mass, mass = m1 m2 / (m1 + m2), and fields.
 
-    The force of the spring grows as k times the relative velocity of the surfaces, falls with k, and ends with the
-    contact. With the damping, it is at most friction times the force that pushes the points apart. The springs belong
-    to the run, and go on to the state at the end of each step: `eig3.kernels.grains` has the formulas. They are turned
-    with the line through the points, but not about it.
+    The rate of the spring force is k times the relative velocity of the surfaces. If k decreases, the force is reduced
+    in proportion. The spring ends with the contact. Spring force and damping together are limited to friction times the
+    normal force. The springs are the history of the run, and advance at the end of each step: `eig3.kernels.grains` has
+    the formulas. They rotate with the line through the points, but not about it.
 
-    Points of one group touch at half the sum of their contact distances, which are their diameters. `others` must be
-    fixed points, which have the radius wall_radius; the points then have the radius contact_distance - wall_radius.
+    The contact distance of a point of one group is its diameter. `others` must be fixed points, which have the radius
+    wall_radius; the points then have the radius contact_distance - wall_radius.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {

@@ -1,8 +1,8 @@
-"""Write the loops over grains that touch each other, with the springs along their surfaces, as lines of Python source.
+"""Write the loops over grains in contact, with their tangential springs, as lines of Python source.
 
-In the source, nx, ny, nz is the unit vector from the point to its mate, wx, wy, wz the velocity of the mate's surface
-relative to the point's along the surfaces, sx, sy, sz the force along the surfaces on the point, and grip the
-stiffness of the spring. x_spin, y_spin, z_spin is the spin of the point times its arm, the distance to the contact.
+In the source, nx, ny, nz is the unit vector from the point to its mate, wx, wy, wz the tangential velocity of the
+mate's surface relative to the point's surface, sx, sy, sz the tangential force on the point, and grip the stiffness of
+the spring. x_spin, y_spin, z_spin is the angular velocity of the point times its arm, the distance to the contact.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .pair_force_text import PairForceText
 from .source import Source, entry
 from .text import NEXT, cross
 
-_CONTACTS = {2: 4, 3: 8}  # of a grain, by the dimension: hard ones have 3 and 6
+_CONTACTS = {2: 4, 3: 8}  # contacts of a grain, by the dimension: hard grains have 3 and 6
 
 _WRITE = """\
 elif held_count < held_end:
@@ -42,7 +42,7 @@ spring = stretched(held_values, known, since, grip, wx, wy, wz, nx, ny, nz, limi
 
 
 class GrainsText(PairForceText):
-    """Contacts with friction in the source."""
+    """Frictional contacts in the source."""
 
     _functions = ("tension", "shear_stiffness", "shear_damping")
 
@@ -61,7 +61,7 @@ class GrainsText(PairForceText):
             self._alone(self._first + ACTING, "a")
 
     def _alone(self, stage: int, a: str) -> None:
-        """Do a stage without other threads, in the function that they would share."""
+        """Do a stage in one thread, in the function that threads would share."""
         self._line(f"kept, place = memory(p), index({self.listing.place})")
         self._line(f"lists(REFRESH, {self._time}, memory(u), kept, place, place, place)")
         self._line(f"share(index({stage}), index(0), index(1), t, memory(u), memory(v), kept, memory({a}))")
@@ -69,7 +69,7 @@ class GrainsText(PairForceText):
     def _acting(self) -> None:
         """Add the forces and torques on the points of a part, or write their springs to the next table.
 
-        One loop does both, because both need all that a contact is.
+        One loop does both, because both need all quantities of a contact.
         """
         with self._block(f"if stage == {self._first + ACTING} or stage == {self._first + ADVANCING}"):
             self._of_part()
@@ -124,7 +124,7 @@ class GrainsText(PairForceText):
             self._line("fx = tension * nx + sx", *self._box.power())
 
     def begin(self) -> None:
-        """Forget all springs."""
+        """Clear all springs."""
         self._line(f"kept, springs = memory(p), index({self._springs_at})")
         self._views_of("held", f"index({self._springs_at + grains.HEAD})")
         with self._block(f"for k in range({self.listing.masses})"):
@@ -132,7 +132,7 @@ class GrainsText(PairForceText):
         self._line(f"kept[springs], kept[{self._springs_at + grains.TABLE}] = t, 0.0")
 
     def advance(self) -> None:
-        """Write the springs in a state to the other table, and take it from now on."""
+        """Write the springs in a state to the other table, and switch the tables."""
         self._line(f"place, springs = index({self.listing.place}), index({self._springs_at})")
         if self._source.team is None:
             self._line("write_in_turn(memory(p), springs)")
@@ -143,7 +143,7 @@ class GrainsText(PairForceText):
         self._line(f"advance_springs(share, lists, {self._number}, {given}, {self._source.team})")
 
     def _springs(self) -> None:
-        """Read where the table of the springs is."""
+        """Read the place of the table of the springs."""
         for name in ("friction", "wall_radius"):
             if name in self._law.columns:
                 self._line(f"{name} = {self._law.columns[name].of('')}")
@@ -152,7 +152,7 @@ class GrainsText(PairForceText):
         self._views_of("held", f"index({self._springs_at + grains.HEAD} + {size} * {which})")
 
     def _views_of(self, name: str, side: str) -> None:
-        """Read where the parts of a table are."""
+        """Read the places of the parts of a table."""
         table, masses = self._table, self.listing.masses
         self._line(f"side = {side}")
         self._line(f"{name}_firsts = integers(kept, side, {masses})")
@@ -166,11 +166,11 @@ class GrainsText(PairForceText):
 
     @property
     def _is_dense(self) -> bool:
-        """Whether one loops over the points: the springs are found for each pair."""
+        """Whether the loop is over the points: the springs are found for each pair."""
         return False
 
     def _contact(self) -> None:
-        """Compute the force between two grains: the tension, and that of the spring along their surfaces."""
+        """Compute the normal and the tangential force between two grains."""
         law = self._law
         self._length(True)
         self._line(*(f"n{axis} = d{axis} * inverse" for axis in self._axes))
@@ -189,7 +189,7 @@ class GrainsText(PairForceText):
             self._line("sx, sy, sz = spring")
 
     def _sizes(self) -> None:
-        """Compute the arms, which together are the distance, the effective radius and the effective mass."""
+        """Compute the arms, whose sum is the distance, the effective radius and the effective mass."""
         own = self.listing.own.get("contact_distance")
         value = self._law.value("contact_distance", "") if own is None else self._field("contact_distance")
         self._line(f"contact_distance = {value}")
@@ -207,7 +207,7 @@ class GrainsText(PairForceText):
         self._line("mass = 1 / mass")
 
     def _surfaces(self) -> None:
-        """Compute the velocity of the mate's surface relative to the point's, along the surfaces."""
+        """Compute the tangential velocity of the mate's surface relative to the point's surface."""
         if self._spins:
             self._line(*(f"{axis}_spin = arm * {self._spin('v', axis, 'i')}" for axis in self._spins))
             with self._only_if(self._if_mass):
@@ -218,7 +218,7 @@ class GrainsText(PairForceText):
             self._line(f"w{axis} = e{axis} - rate * n{axis}{turned}")
 
     def _spin_cross(self, axis: str) -> str:
-        """The component along an axis of the product of the spins and n."""
+        """The component along an axis of the vector product of the angular velocities and n."""
         b, c = NEXT[axis]
         terms = [f"{b}_spin * n{c}"] * (b in self._spins) + [f"- {c}_spin * n{b}"] * (c in self._spins)
         return " ".join(terms)

@@ -1,4 +1,4 @@
-"""Write the loops over the members of a group of effects, and those on single masses, as lines of Python source.
+"""Write the loops over the members of a group of effects, and over single masses, as lines of Python source.
 
 In the source, s is the number of a member, and i and j are the indices of its masses.
 """
@@ -29,7 +29,7 @@ class GroupText(BlockText):
     size : int
         The number of members.
     runs : ndarray
-        Those of the group.
+        The runs of the group.
     """
 
     FORCES: ClassVar[tuple[str, ...]] = ()  # the names of the functions that are forces
@@ -40,7 +40,7 @@ class GroupText(BlockText):
         self.laws = [source.symbols(law) for law in group.laws]
         points = [x for x in (group.first, group.second) if x is not None]
         self._joins_masses = group.second is not None
-        # the place of the runs, or of all indices, in p; unused if there is one run
+        # the place in p of the runs, or of all indices; unused if there is one run
         self._table = source.add(self.runs if group.in_runs else np.concatenate(points)) if len(self.runs) > 1 else 0
         has_events = any(law.events.size for law in self.laws)
         self._ends = [source.column(x) for x in points] if has_events else []
@@ -50,7 +50,7 @@ class GroupText(BlockText):
         return [law for law in self.laws if any(f in law.functions for f in functions)]
 
     def of_laws(self: G, laws: list[Symbols]) -> G:
-        """Return the group with only these of its laws."""
+        """Return the group with only these laws."""
         one = copy.copy(self)
         one.laws = laws
         return one
@@ -60,7 +60,7 @@ class GroupText(BlockText):
         return any(law.reads(name, *functions) for law in self.laws)
 
     def offered(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
-        """Compute the values that these functions of one member can take; return their source by the arguments."""
+        """Compute the arguments that these functions of one member can take; return their source by name."""
         raise NotImplementedError
 
     def strike(self, s: str, i: str, j: str, offered: dict[str, str]) -> None:
@@ -68,7 +68,7 @@ class GroupText(BlockText):
         raise NotImplementedError
 
     def constants(self, *functions: str) -> None:
-        """Read common parameters before the loop: the compiler cannot prove that a and p do not alias."""
+        """Read common parameters before the loop, because the compiler cannot prove that a and p do not alias."""
         for law in self.laws:
             self._line(*law.constants(*functions))
 
@@ -84,7 +84,7 @@ class GroupText(BlockText):
     def members(self, *functions: str) -> Iterator[tuple[str, str, str]]:
         """Write a loop; give the names of the indices of the member and of its masses.
 
-        In the function of a part, it skips members without masses of the part.
+        In the function of a part, the loop skips members without masses in the part.
         """
         with self._all_members(*functions) as (s, i, j):
             masses = (i, j) if self._joins_masses else (i,)
@@ -176,7 +176,7 @@ class MassesText(GroupText):
         return names["acceleration"], names["force"]
 
     def _mass(self, i: str, *functions: str) -> dict[str, str]:
-        """Compute those arguments of the laws that one of these functions reads."""
+        """Compute the arguments that one of these functions of the laws reads."""
         if self.reads("x", *functions):
             self._line(f"x = {self._vector('u', i)}")
         if self.reads("v", *functions) or "power" in functions:

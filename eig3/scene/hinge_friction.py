@@ -12,7 +12,7 @@ from .cell import Cell
 
 @dataclass(frozen=True, eq=False)
 class HingeFriction(Cell):
-    """A torque against the relative spin of two bodies, of which the vectors x0 and x1 in the plane are parts.
+    """A torque against the relative rotation of two bodies, which have the vectors x0 and x1 in the plane.
 
     Raises
     ------
@@ -27,7 +27,7 @@ class HingeFriction(Cell):
     takes = (2,)
     dimensions = (2,)
     nonnegative = ("limit", "damping")
-    source = "Coulomb (1785), smoothed, and viscous friction"
+    source = "Coulomb (1785), regularised, and viscous friction"
     forces = staticmethod(friction_in_plane)
 
     def __post_init__(self) -> None:
@@ -37,7 +37,7 @@ class HingeFriction(Cell):
 
 @dataclass(frozen=True, eq=False)
 class HingeFrictionInSpace(HingeFriction):
-    """The same about the unit vector x2 of the second body, to which x0 and x1 are at right angles."""
+    """Hinge friction about the unit vector x2 of the second body, which is perpendicular to x0 and x1."""
 
     takes = (3,)
     dimensions = (3,)

@@ -16,7 +16,7 @@ from .effect import Effect, arguments
 
 @dataclass(frozen=True, eq=False)
 class HingeMotor(Cell):
-    """A torque between two bodies, of which the vectors x0 and x1 in the plane are parts."""
+    """A torque between two bodies, which have the vectors x0 and x1 in the plane."""
 
     torque: Callable
 
@@ -45,7 +45,7 @@ class HingeMotor(Cell):
 
 @dataclass(frozen=True, eq=False)
 class HingeMotorInSpace(HingeMotor):
-    """The same about the unit vector x2 of the second body, to which x0 and x1 are at right angles."""
+    """A torque about the unit vector x2 of the second body, which is perpendicular to x0 and x1."""
 
     takes = (3,)
     dimensions = (3,)
@@ -57,7 +57,7 @@ class HingeMotorInSpace(HingeMotor):
 
 @functools.cache
 def _in_plane(torque: Any, count: int) -> Any:
-    """Return one function for each torque, because scenes with the same functions share their code."""
+    """Return the same function for the same torque: scenes with the same functions share their code."""
 
     @jit
     def of_time(t, x):  # type: ignore[no-untyped-def]

@@ -23,7 +23,7 @@ class LinksText(GroupText):
     def __init__(self, assembly: Assembly, source: Source, group: Group) -> None:
         super().__init__(assembly, source, group)
         self._anchor = None if group.anchor is None else source.column(group.anchor, is_place=True)
-        # the motions of the fixed ends: each with its member for each link, and the number in its names
+        # the motions of the fixed ends: each has a member for each link, and a number in its names
         self._moving: list[tuple[Symbols, Column | None, int]] = []
         for k, number in enumerate(group.motions):
             motion = source.motions[number]
@@ -39,7 +39,7 @@ class LinksText(GroupText):
         return self.group.difference == 1
 
     def holds_end(self, row: LinksText) -> bool:
-        """Return whether this is one link from a support to an end of a row."""
+        """Return whether this is a single link from a support to an end of a row."""
         first = row.runs[0, 2]
         return self._anchor is not None and self.size == 1 and self.group.first[0] in (first, first + row.size)
 
@@ -69,11 +69,11 @@ class LinksText(GroupText):
                 self._line(f"{self._at('a', axis, 'i')} -= {axis}_before{self._by_mass('i')}")
 
     def before(self) -> None:
-        """Begin with no force of a link before the first one of a row."""
+        """Set the force before the first link of a row to zero."""
         self._line(f"{' = '.join(f'{axis}_before' for axis in self._axes)} = 0.0")
 
     def keep(self) -> None:
-        """Keep the force of a link for the next one of the row, which shares a mass with it."""
+        """Keep the force of a link for the next link of the row, which shares a mass with it."""
         self._line(*(f"{axis}_before = f{axis}" for axis in self._axes))
 
     def potential(self) -> None:
@@ -112,7 +112,7 @@ class LinksText(GroupText):
         return self._length(s, i, j, *functions)
 
     def strike(self, s: str, i: str, j: str, offered: dict[str, str]) -> None:
-        """Change the rate by opposite impulses on the ends, or by one on the mass of a link to a support."""
+        """Change the rate by opposite impulses on the ends, or by an impulse on the mass of a link to a support."""
         self._line(f"change = {self.laws[0].call('rate_after', s, offered)} - {offered['rate']}")
         ends = [("+=", i, "change")]
         if self._joins_masses:
@@ -156,7 +156,7 @@ class LinksText(GroupText):
     def _near_members(self, *functions: str) -> Iterator[tuple[str, str, str]]:
         """Write a loop that computes the separation and skips links beyond the cutoffs of all their laws.
 
-        It compares squares and thus needs no square root. A link with a sign has no square root to avoid.
+        The comparison of squares needs no square root. A link with a sign has no square root to avoid.
         """
         with self.members(*functions) as (s, i, j):
             self.separation(s, i, j)
@@ -169,7 +169,7 @@ class LinksText(GroupText):
                 yield s, i, j
 
     def _length(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
-        """Compute the values that these functions of the laws, and the pull, need, after `separation`."""
+        """Compute the arguments of these functions of the laws, and of the pull, after `separation`."""
         strikes = "rate_after" in functions and bool(self.having("rate_after"))
         needs_rate = self.reads("rate", *functions) or strikes or "power" in functions
         needs_inverse = needs_rate or ("tension" in functions and bool(self.having("tension")))

@@ -30,7 +30,7 @@ def edges(cells: ArrayLike) -> np.ndarray:
 
 
 def hinges(triangles: ArrayLike) -> np.ndarray:
-    """Return the edges at which two triangles meet, with the corners that face them, for effects such as HingeBending.
+    """Return the edges that two triangles share, with the opposite corners, for effects such as HingeBending.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def hinges(triangles: ArrayLike) -> np.ndarray:
 
 
 def surface(cells: ArrayLike) -> np.ndarray:
-    """Return the triangles that can be seen: the triangles of a sheet, or those sides of tetrahedra that do not meet.
+    """Return the visible triangles: the triangles of a sheet, or the faces of tetrahedra that belong to one cell.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def surface(cells: ArrayLike) -> np.ndarray:
 
 
 def check_cells(cells: ArrayLike, corners: int, count: int) -> np.ndarray:
-    """Return cells of points as an array, or raise an error that says what is wrong with them."""
+    """Return cells as an array, or raise an error that names what is wrong."""
     found = np.asarray(cells)
     if found.ndim != 2 or found.shape[1] != corners or not found.size:
         raise ValueError(f"cells must have the shape (cells, {corners}), not {found.shape}.")
@@ -106,7 +106,7 @@ def lumped(cells: np.ndarray, volumes: np.ndarray, density: ArrayLike, count: in
 
 
 def is_fixed(fixed: ArrayLike, count: int) -> np.ndarray:
-    """Return which of the points are fixed, from their numbers or from such an array itself."""
+    """Return which points are fixed, as a boolean array, from their numbers or from a boolean array."""
     given = np.asarray(fixed)
     if given.dtype == bool:
         if given.shape != (count,):

@@ -34,7 +34,7 @@ class MeshText(BlockText):
         self._table = source.add(corners)  # the first corners of all cells; the second corners follow, and so on
         count, self.size = corners.shape
         self._indices = [f"i{c}" for c in range(count)]
-        self._is_held = bool((corners >= self._n).any())  # every cell then has a support
+        self._is_held = bool((corners >= self._n).any())  # if so, every cell has a support
         self._moves = self._is_held and bool(assembly.supports.moved)
         variable, conjugate = self._effect.variable, self._effect.conjugate
         self._offered = {name: name for name in ("t", "x", "rate", variable, conjugate) if name} | {"v": "velocity"}
@@ -57,7 +57,7 @@ class MeshText(BlockText):
                 self._line(f"total += {factor}{self._law.call('potential', 's', self._offered)}")
 
     def power(self) -> None:
-        """Add the power of cells without a potential on their masses, and of the supports of cells with one."""
+        """Add the power of cells without a potential on their masses, and of the supports of cells with a potential."""
         is_followed = "potential" not in self._law.functions
         if is_followed or self._moves:
             with self._loop():
@@ -85,7 +85,7 @@ class MeshText(BlockText):
         self._line(f"push = {self._law.call('forces', 's', self._offered)}")
 
     def _given(self, function: str, *, power: bool = False) -> None:
-        """Compute what this function of a cell can take."""
+        """Compute the arguments that this function of a cell can take."""
         variable, law = self._effect.variable, self._law
         needs_rate = bool(variable) and law.reads("rate", function)
         if variable or law.reads("x", function):
@@ -105,7 +105,7 @@ class MeshText(BlockText):
 
 
 class SupportsText(Text):
-    """The functions of the place and the velocity of a point of cells with supports."""
+    """The functions of the position and the velocity of a point of cells with supports."""
 
     def __init__(self, assembly: Assembly, source: Source) -> None:
         super().__init__(assembly, source)

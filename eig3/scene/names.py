@@ -1,4 +1,4 @@
-"""Make Python identifiers of names that users choose. No other form of such a name enters the source of a scene."""
+"""Make Python identifiers of names that users choose. Only these identifiers enter the source of a scene."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _REFUSED = {*keyword.kwlist, "__debug__"}  # Python allows no assignment to __de
 
 
 def words(title: str) -> str:
-    """Return the words of a class's name: those of RigidStop are "rigid stop"."""
+    """Return the words of the name of a class, such as "rigid stop" for RigidStop."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", title).lower()
 
 
 def identifier(wanted: str, taken: Container[str] = ()) -> str:
-    """Return an identifier that is like `wanted`, and is neither a keyword of Python nor in `taken`.
+    """Return an identifier similar to `wanted` that is neither a keyword of Python nor in `taken`.
 
     An identifier that is not taken is returned unchanged, if it is in the normal form NFKC. Python reads every
     identifier in this form, so two names of one form would be one variable.

@@ -1,4 +1,4 @@
-"""Links between all pairs of points that come near each other, by a list that the compiled code keeps."""
+"""Pair forces: links between all pairs of points within a cutoff, by a neighbour list in compiled code."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .effect import Link, Motion
 from .frictional_contact import FrictionalContact
 from .placed import Placed
 
-_SKIN = 0.2  # as a part of the largest cutoff
-_DENSE = {1: 3, 2: 8, 3: 16}  # points near each one in a dense packing, by the dimension
-_MANY_MATES = 8  # pairs of a point, from which on each point has batches of its own
-_JUMP = 3.0  # distances between points beside each other, from which on the points are sorted
-_GROWTH = 2.0  # room for so many times the pairs at the start
+_SKIN = 0.2  # relative to the largest cutoff
+_DENSE = {1: 3, 2: 8, 3: 16}  # neighbours of a point in a dense packing, by the dimension
+_MANY_MATES = 8  # with at least this number of pairs of a point, each point has separate batches
+_JUMP = 3.0  # points are sorted if consecutive points are farther apart than this number of point spacings
+_GROWTH = 2.0  # capacity of the list, relative to the pairs at the start
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class PairForce(Placed):
     Attributes
     ----------
     exclude_bonded : tuple of str
-        The pairs that are left out, by how many bonds they are apart: see `bonds`.
+        The excluded pairs, by the number of bonds between them: see `bonds`.
     neighbor_capacity : int or None
         Pairs of each point for which there is memory.
     """
@@ -41,12 +41,12 @@ class PairForce(Placed):
 
     @property
     def first(self) -> np.ndarray:
-        """The points of the first group, and of the only one."""
+        """The points of the first or only group."""
         return self.points[0]
 
     @property
     def second(self) -> np.ndarray:
-        """Those of the second group; empty if there is none."""
+        """The points of the second group; empty if there is only one group."""
         return self.points[1]
 
     @property
@@ -59,8 +59,8 @@ class PairForce(Placed):
 class Members:
     """The points of a pair force in the order of its list: masses, then fixed points.
 
-    They are ordered by their index in the scene, or by their places at the start if these would jump too much: points
-    that are near each other are then near each other in the memory, and mostly in the part of one thread.
+    They are ordered by their index in the scene, or by their positions at the start if consecutive points are too far
+    apart: near points are then near each other in memory, and mostly in the part of one thread.
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class Members:
     index : ndarray of int
         The indices of the masses.
     group : ndarray of int
-        0 for points of the first group, 1 for those of the second.
+        0 for points of the first group, 1 for points of the second group.
     place : ndarray of int
-        The place of each point among those of the first and the second group.
+        The index of each point in its group.
     """
 
     points: np.ndarray
@@ -92,22 +92,22 @@ class Members:
 
 
 def _spacing(x: np.ndarray) -> float:
-    """Return a distance of points beside each other if they filled the region of most of them, or 0.
+    """Return the spacing of points that would fill the region of most of the points uniformly, or 0.
 
-    A region that is thinner than this distance is filled by a line or a layer of points.
+    A region that is thinner than the spacing is filled by a line or a layer of points.
     """
     sides = np.sort(np.ptp(np.quantile(x, [0.05, 0.95], axis=0), axis=0))[::-1]
     return float(np.max((np.cumprod(sides) / len(x)) ** (1 / np.arange(1, sides.size + 1))))
 
 
 def _jumps(x: np.ndarray) -> bool:
-    """Return whether points that follow each other are mostly far from each other."""
+    """Return whether consecutive points are mostly far from each other."""
     steps = np.linalg.norm(np.diff(x, axis=0), axis=1)
     return len(x) > 1 and float(np.median(steps)) > _JUMP * _spacing(x) > 0
 
 
 def _cells(x: np.ndarray) -> Iterator[np.ndarray]:
-    """Return the cells of points, by axes: the longest extent last, by which points are sorted first."""
+    """Return the cell indices of points by axis, with the longest extent, the first sort key, last."""
     extents, spacing = np.ptp(x, axis=0), _spacing(x)
     return (np.floor(x[:, k] / spacing) for k in np.argsort(extents, kind="stable"))
 
@@ -118,19 +118,19 @@ def check_pair_force(pair_force: PairForce, cloud: Any) -> None:
     Raises
     ------
     TypeError, ValueError
-        If it cannot. The error names the effect.
+        If the link cannot. The error names the effect.
     """
     effect, numbers, box = pair_force.effect, np.concatenate(pair_force.points), cloud.box
     is_mass = cloud.masses[numbers] > 0
     title = effect.title
     if not effect.cutoff_field:
-        raise TypeError(f"{title} has no cutoff, so that it needs two arguments of points: the ends of each link.")
+        raise TypeError(f"{title} has no cutoff, and thus needs two arguments of points: the ends of each link.")
     if "event" in effect.functions():
-        raise TypeError(f"{title} has an event, so that it needs two arguments of points: the ends of each link.")
+        raise TypeError(f"{title} has an event, and thus needs two arguments of points: the ends of each link.")
     if np.unique(numbers).size < numbers.size:
-        raise ValueError(f"{title} was given a point twice: the points of others must not be among the first ones.")
+        raise ValueError(f"{title} was given a point twice: a point of others must not be in the first array.")
     if not is_mass.any():
-        raise ValueError(f"{title} was given fixed points only, so that it cannot move anything.")
+        raise ValueError(f"{title} was given fixed points only, which cannot move: give masses.")
     if cloud.shear and not is_mass.all():
         raise ValueError(f"{title} was given fixed points, which do not move with a box that shears: give masses.")
     for name, column in pair_force.columns.items():
@@ -150,11 +150,11 @@ def check_pair_force(pair_force: PairForce, cloud: Any) -> None:
     if np.unique(places, axis=0).shape[0] < numbers.size:
         raise ValueError(f"{title} has no direction where two points coincide at the start: put them apart.")
     if isinstance(effect, FrictionalContact) and (cloud.masses[pair_force.second] > 0).any():
-        raise ValueError(f"others of {title} must be fixed points; give masses in the same array as the first ones.")
+        raise ValueError(f"others of {title} must be fixed points; give all masses in the first array.")
 
 
 def check_rest(pair_forces: Sequence[PairForce], placed: Sequence[Placed]) -> None:
-    """Refuse pair forces with fixed points that a motion moves: a list has their places at the start.
+    """Refuse pair forces with fixed points that a motion moves: the list stores their positions at the start.
 
     Raises
     ------
@@ -165,29 +165,30 @@ def check_rest(pair_forces: Sequence[PairForce], placed: Sequence[Placed]) -> No
     for pair_force in pair_forces:
         if moved and np.isin(np.concatenate(moved), np.concatenate(pair_force.points)).any():
             raise ValueError(
-                f"{pair_force.effect.title} acts between near points, of which a motion moves a fixed one: give it two "
-                "arguments of points, the ends of each link."
+                f"{pair_force.effect.title} acts between near points, and a motion moves one of its fixed points: "
+                "give it two arguments of points, the ends of each link."
             )
 
 
 @dataclass(frozen=True, eq=False)
 class Listing:
-    """The list of a pair force in p.
+    """The neighbour list of a pair force in p.
 
     Attributes
     ----------
     place : int
     areas : Areas
     points, masses, room : int
-        The numbers of points, of masses among them, and of pairs for which there is room.
+        The number of points, the number of masses among them, and the capacity in pairs.
     own : dict of str to int
-        The places of the fields with a value for each point: that of a pair is the sum of those of its points.
+        The places of the fields with a value for each point: the value of a pair is the sum of the values of its
+        points.
     begin : int
-        The index of the first mass, if the indices follow each other, or else -1.
+        The index of the first mass if the indices are consecutive, otherwise -1.
     is_dense : bool
-        Whether points have many mates at the start.
+        Whether points have many neighbours at the start.
     values : ndarray
-        What is at the place.
+        The content of p at the place.
     """
 
     place: int
@@ -202,14 +203,14 @@ class Listing:
 
 
 def listed(pair_force: PairForce, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarray) -> Listing:
-    """Return the list of a pair force as it is at the start, for the place of p from which on there is room."""
+    """Return the neighbour list of a pair force at the start, stored from a place in p on."""
     members, dimension = Members.of(pair_force, cloud.free, cloud.positions), cloud.positions.shape[1]
     own, fields = _own_fields(pair_force, members, place)
     begin = place + sum(field.size for field in fields)
     apart, count = _apart(members, pairs, cloud.masses.size), members.points.size
 
     def attempt(room: int, skin: float) -> tuple[np.ndarray, Areas, int | None]:
-        """Return p, the areas, and the number of pairs, or None if there is no room for them."""
+        """Return p, the areas, and the number of pairs, or None if the pairs exceed the capacity."""
         areas, end = Areas.of(begin, count, room, _buckets(count), apart[1].size, dimension)
         p = np.zeros(end)
         p[place:begin] = np.concatenate([*fields, np.empty(0)])
@@ -252,7 +253,7 @@ def near_pairs(
 def _skin(pair_force: PairForce, found: float, dimension: int) -> float:
     """Return the skin of a list, from the number of pairs within the cutoff for each point.
 
-    Where many points are within the cutoff, the skin is a part of their distances.
+    If many points are within the cutoff, the skin is proportional to their spacing.
     """
     widest = float(pair_force.columns[pair_force.effect.cutoff_field].max())
     return _SKIN * widest * min(1.0, (_DENSE[dimension] / (2 * found + 1)) ** (1 / dimension))
@@ -261,7 +262,7 @@ def _skin(pair_force: PairForce, found: float, dimension: int) -> float:
 def _own_fields(pair_force: PairForce, members: Members, place: int) -> tuple[dict[str, int], list[np.ndarray]]:
     """Return the places and the values of the fields with a value for each point.
 
-    In one group, a pair has the mean of the values of its points. Of two groups, only the first one has values.
+    In one group, a pair has the mean of the values of its points. With two groups, only the first group has values.
     """
     own: dict[str, int] = {}
     fields: list[np.ndarray] = []
@@ -274,7 +275,7 @@ def _own_fields(pair_force: PairForce, members: Members, place: int) -> tuple[di
 
 
 def _apart(members: Members, pairs: np.ndarray, n_points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs of members that are left out: where the mates of each one begin, and the mates."""
+    """Return the excluded pairs of members: the index where the mates of each member begin, and the mates."""
     local = np.full(n_points, -1)
     local[members.points] = np.arange(members.points.size)
     ends = np.sort(local[pairs], axis=1)
@@ -295,7 +296,7 @@ def _write(
     skin: float,
     apart: tuple[np.ndarray, np.ndarray],
 ) -> None:
-    """Write what of a list does not change."""
+    """Write the constant parts of a list."""
     count, cutoff, x = members.points.size, pair_force.effect.cutoff_field, cloud.positions
     widest = float(pair_force.columns[cutoff].max())
     numbers = (count, members.index.size, np.count_nonzero(cloud.masses), skin, pair_force.second.size > 0, widest)
@@ -311,7 +312,7 @@ def _write(
 
 
 def _buckets(count: int) -> int:
-    """Return the number of buckets of the cells of some points: a power of two, so that most buckets are empty."""
+    """Return the number of hash buckets for the cells of points: a power of two that leaves most buckets empty."""
     return 1 << (4 * count - 1).bit_length()
 
 

@@ -1,11 +1,11 @@
-"""Write the loops over pairs of points that are near each other as lines of Python source.
+"""Write the loops over the pairs of a neighbour list as lines of Python source.
 
-In the source, point and mate are the places of two points in a list of neighbours, and i and j the indices of their
-masses. The pairs are looked at in batches. A first loop collects those within the cutoff, without a branch: whether two
-points touch cannot be foretold. The others do the rest for what was collected, at the place q. The compiler vectorises
-that of the forces if it can.
+In the source, point and mate are the places of two points in the list, and i and j the indices of their masses. The
+pairs are processed in batches. A first loop collects the pairs within the cutoff without a branch, because the branch
+would be unpredictable. Further loops process the collected pairs, with the index q. The compiler vectorises the loop of
+the forces if it can.
 
-In a large scene, threads share the points: then the forces are in a function of their own.
+In a large scene, threads share the points: then the forces are in a separate function.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from .source import Source, entry
 from .text import BlockText
 
 _ABOVE = "above[point], stops[point]"  # the places of the mates of a point with larger numbers
-_VECTOR = 32  # pairs: a multiple of those whose forces are computed together, and a divisor of BATCH
-_ALL_ABOVE = "above[begin], stops[stop - 1]"  # those of several points
+_VECTOR = 32  # pairs: a multiple of the vector length, and a divisor of BATCH
+_ALL_ABOVE = "above[begin], stops[stop - 1]"  # the places for several points
 
 
 class PairForceText(BlockText):
@@ -46,7 +46,7 @@ class PairForceText(BlockText):
         u0 = assembly.cloud.in_order(assembly.cloud.positions).T.ravel()
         self.listing = listed(pair_force, source.size, assembly.cloud, u0, pairs)
         source.add(self.listing.values)
-        self._number = number  # of the list among all of the scene
+        self._number = number  # the number of the list in the scene
         self._first = LISTS + number * STAGES
         used = ("memory", "floats", "integers", "batch", "REFRESH", "SCAN", "BUILD", "REACH")
         source.functions |= {name: getattr(neighbours, name) for name in used}
@@ -58,12 +58,12 @@ class PairForceText(BlockText):
             self._act(lambda: self._on_both("", self._if_mass))
             return
         self._line(f"kept, place = memory(p), index({self.listing.place})")
-        velocity = "v" if self._reads_rate else "u"  # a rhs that names v is one that reads it
+        velocity = "v" if self._reads_rate else "u"  # a rhs that names v counts as reading it
         given = f"t, memory(u), memory({velocity}), kept, memory(a), place"
         self._line(f"add_forces(share, lists, {self._number}, {given}, {self._source.team})")
 
     def stages(self) -> None:
-        """Do a part of a stage that threads share: the lists of points, or the forces on them."""
+        """Do a part of a stage that threads share: the lists of points, or the forces on the points."""
         for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")) if self._source.team is not None else ():
             with self._block(f"if stage == {self._first + stage}"):
                 self._line(f"lists({task}, {self._time}, u, p, index({self.listing.place}), part, parts)")
@@ -76,16 +76,16 @@ class PairForceText(BlockText):
             self._part("parts == 1")
 
     def _of_part(self) -> None:
-        """Read where the list is, and which points are those of the part."""
+        """Read the place of the list and the points of the part."""
         self._line(f"kept, place = p, index({self.listing.place})")
         self._line(f"low, end = bounds({self.listing.masses}, part, parts)")
         self._views(*self._functions)
 
     def _part(self, only_up: str) -> None:
-        """Add the forces on the points of a part: those from points before the part, and then those from points above.
+        """Add the forces on the points of a part: first from points before the part, then from points above.
 
-        One loop does both. In two loops, the compiler could round in two ways. `only_up` is the condition that only the
-        latter are wanted.
+        One loop does both, because the compiler might round two loops differently. `only_up` is the condition that
+        only points above are needed.
         """
         listing = self.listing
         self._line(f"firsts = integers(kept, {listing.areas.first}, {listing.masses})")
@@ -115,7 +115,7 @@ class PairForceText(BlockText):
             self._on_mate()
 
     def _act(self, act: Callable[[], None], where: str = "") -> None:
-        """Compute the forces between near points in one loop, and add them in another one."""
+        """Compute the forces between near points in one loop, and add them in another loop."""
 
         def pull() -> None:
             self._length(self._reads_rate)
@@ -129,7 +129,7 @@ class PairForceText(BlockText):
         self._near([pull, add], where)
 
     def _on_point(self) -> None:
-        """Add a force to the point, or to its sum if points have many mates."""
+        """Add a force to the point, or to the sum of the point if points have many mates."""
         if self._is_dense:
             self._line(*(f"{axis}_sum += f{axis}" for axis in self._axes))
             return
@@ -162,13 +162,13 @@ class PairForceText(BlockText):
             self._line("fx = force * inverse * dx", *self._box.power())
 
     def _refreshed(self, *functions: str) -> None:
-        """Refresh the list, and read what all pairs share."""
+        """Refresh the list, and read the values that all pairs share."""
         self._line(f"kept, place = memory(p), index({self.listing.place})")
         self._line(f"lists(REFRESH, {self._time}, memory(u), kept, place, place, place)")
         self._views(*functions)
 
     def _views(self, *functions: str) -> None:
-        """Read where the list is, and what all pairs share."""
+        """Read the place of the list, and the values that all pairs share."""
         listing, areas = self.listing, self.listing.areas
         self._line(f"places = floats(kept, {areas.x}, {len(self._axes) * listing.points})")
         for name, area in (("above", areas.above), ("stops", areas.stop)):
@@ -188,15 +188,15 @@ class PairForceText(BlockText):
 
     @property
     def _ways(self) -> dict[str, str]:
-        """What is kept of the way between two points, and the names of its batches."""
+        """The components of the vector between two points that are kept, and the names of their batches."""
         ways = {f"d{axis}": f"{axis}_ways" for axis in self._axes}
         return ways | ({"turns": "y_turns"} if self._box.shears else {})
 
     def _near(self, loops: Sequence[Callable[[], None]], where: str = "") -> None:
         """Do loops over the pairs within the cutoff. The last of two adds forces, to sums for a point with many mates.
 
-        `where` are the places of the pairs in the list. The list has the pairs of a few points at a time if it has no
-        room for all.
+        `where` gives the places of the pairs in the list. If the pairs exceed the capacity of the list, it has the
+        pairs of a few points at a time.
         """
         low, end = ("low", "end") if self._source.is_of_part else ("0", str(self.listing.masses))
         self._line(f"stop = index({low})")
@@ -214,7 +214,7 @@ class PairForceText(BlockText):
                 self._line(*(f"{self._at('a', total[0], 'i')} += {total} * {self._w('i')}" for total in sums))
 
     def _batches(self, loops: Sequence[Callable[[], None]], where: str) -> None:
-        """Collect the pairs within the cutoff that are somewhere in the list, and do loops over them."""
+        """Collect the pairs within the cutoff from a part of the list, and do loops over them."""
         has_points = not self._is_dense
         kept = {"near_mates": "mate", "squares": "square"} | {batch: value for value, batch in self._ways.items()}
         kept |= {"near_points": "point"} if has_points else {}
@@ -236,10 +236,10 @@ class PairForceText(BlockText):
                     loop()
 
     def _padded(self, batches: Sequence[str]) -> None:
-        """Repeat the last pair until whole vectors are filled.
+        """Repeat the last pair to fill whole vectors.
 
-        Otherwise the rest would be computed by other code, which may round in another way: the bits of a force would
-        depend on where its pair is in a batch.
+        Otherwise scalar code would compute the remainder and may round differently: a force would depend on the place
+        of its pair in a batch.
         """
         self._line(f"filled = (near + {_VECTOR - 1}) & {-_VECTOR}")
         with self._block("for q in range(near, filled)"):
@@ -249,9 +249,9 @@ class PairForceText(BlockText):
         self._line(*(f"{axis}_here = {self._place('point', axis)}" for axis in self._axes))
 
     def _pair(self) -> None:
-        """Read a pair of the list, and compute the way from the point to its mate, and the square of its length.
+        """Read a pair of the list, and compute the vector from the point to its mate, and its squared length.
 
-        The point is the one with the smaller number unless one loops over the points.
+        The point has the smaller number unless the loop is over the points.
         """
         self._line("mate = index(mates[e])")
         if not self._is_dense:
@@ -271,7 +271,7 @@ class PairForceText(BlockText):
         return f"square < {cutoff} * {cutoff}"
 
     def _length(self, reads_rate: bool) -> None:
-        """Compute the distance of two points, and the rate at which it grows."""
+        """Compute the distance of two points, and its rate."""
         self._line("r = sqrt(tiny + square)", "inverse = 1 / r")
         if reads_rate:
             self._line(f"i = {self._mass('point')}")
@@ -279,7 +279,7 @@ class PairForceText(BlockText):
             with self._only_if(self._if_mass):
                 self._line(f"j = {self._mass('mate')}")
                 self._line(*(f"e{axis} = {self._at('v', axis, 'j')}" for axis in self._axes))
-            # if the point's came first, with its sign, it would be rounded in one way in vectors and in another alone
+            # with the point's velocity first, vector code and scalar code would round differently
             self._line(*(f"e{axis} -= {self._at('v', axis, 'i')}" for axis in self._axes))
             self._line(*self._box.rate())
             self._line(f"rate = ({' + '.join(f'd{axis} * e{axis}' for axis in self._axes)}) * inverse")
@@ -292,7 +292,7 @@ class PairForceText(BlockText):
 
     @property
     def _is_dense(self) -> bool:
-        """Whether one loops over the points, and for each over its mates, because these are many."""
+        """Whether the loop is over the points, and for each point over its mates, because points have many mates."""
         return self.listing.is_dense
 
     @property

@@ -1,4 +1,4 @@
-"""What an animation of a scene shows: its points, links, faces, supports and planes, as they were described."""
+"""The picture of a scene in an animation: points, links, faces, supports and planes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ROUND_OFF = 1e-12  # the relative error of radii, and of the offsets of planes 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """The places of all points of a scene: ``places(t, u)``.
+    """The positions of all points of a scene: ``places(t, u)``.
 
     Attributes
     ----------
@@ -33,9 +33,9 @@ class Places:
     free : ndarray of int, shape (points,)
         The index of each point among the masses; -1 for fixed points.
     upright : bool
-        Whether a scene of one dimension is drawn from the bottom to the top, not from left to right.
+        Whether a one-dimensional scene is drawn vertically.
     bodies : Bodies
-        The points of rigid bodies. Those that stand for vectors are shown where the first other point is.
+        The points of rigid bodies. Points that represent vectors are drawn at the first other point.
     moves : list of (function, arguments, direction, points)
         The motions of supports: ``function(t, *arguments)`` returns the displacement along the direction, and its rate.
     """
@@ -72,7 +72,7 @@ def mechanism(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[Pair
     ----------
     cloud : Cloud
     placed : sequence of Placed
-        Effects whose columns contain the numbers of their states.
+        Effects whose columns include the numbers of their states.
     """
     dimension, masses = cloud.positions.shape[1], cloud.material
     radii = _radii(cloud, placed, pair_forces)
@@ -135,11 +135,11 @@ def moves(placed: Sequence[Placed]) -> list[tuple[Any, tuple, np.ndarray, np.nda
 
 
 def _radii(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairForce]) -> np.ndarray:
-    """Return the radius of each point, so that two points touch at the reach of their contact; 0 without a contact.
+    """Return the radius of each point: two points touch at their contact distance; 0 without a contact.
 
-    If the contacts leave a choice, as between two balls, it is the one with the least sum of squares: equal radii. The
-    method of conjugate gradients finds the least squares solution of ``r[i] + r[j] = reach`` with the least norm, and
-    needs no matrix. Every scene has radii, also without SciPy: so this is not its `lsqr`.
+    If the radii are not unique, as for two balls, they have the least sum of squares, which makes them equal.
+    Conjugate gradients find the least-squares solution of ``r[i] + r[j] = reach`` with the least norm, without a
+    matrix. SciPy's `lsqr` is not used, because scenes need no SciPy.
     """
     given = [
         (*law.points, law.columns["contact_distance"])
@@ -155,7 +155,7 @@ def _radii(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairFor
         return radii
     of_pair_forces, radii = radii, np.zeros(count)
     i, j, reach = (np.concatenate(parts) for parts in zip(*given, strict=True))
-    i, j, reach = (values[reach > 0] for values in (i, j, reach))  # a reach of 0 is not one of radii
+    i, j, reach = (values[reach > 0] for values in (i, j, reach))  # a distance of 0 gives no radii
 
     def at_points(pairs: np.ndarray) -> np.ndarray:
         return np.bincount(i, pairs, count) + np.bincount(j, pairs, count)
@@ -177,7 +177,7 @@ def _radii(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairFor
 def _planes(
     placed: Sequence[Placed], radii: np.ndarray, masses: np.ndarray, dimension: int, upright: bool
 ) -> list[tuple[tuple, float]]:
-    """Return the different planes of effects, in the dimensions of the picture. A mass with a radius touches it."""
+    """Return the distinct planes of effects, in the dimensions of the picture. A mass with a radius touches a plane."""
     planes: dict[tuple, tuple[tuple, float]] = {}
     for law in placed:
         if isinstance(law.effect, Body) and law.effect.picture == "plane":

@@ -1,4 +1,4 @@
-"""Placed effects: the points that effects act on, and the parameters of each member as columns."""
+"""Placed effects: effects with their points, and with the parameters of each member as columns."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Placed:
 
     @property
     def is_conservative(self) -> bool:
-        """Whether the effects do no work besides the change of their potential."""
+        """Whether the work of the effects is the change of their potential."""
         functions = self.effect.functions()
         return not functions.keys() & RESETS and ("potential" in functions or not functions.keys() & FORCES)
 
@@ -46,20 +46,20 @@ class Placed:
         return tuple(value.tolist()) if name in self.effect.vectors else float(value)
 
     def call(self, name: str, member: int, given: dict[str, Any]) -> Any:
-        """Call a function for a member, with what is given, or else its parameters."""
+        """Call a function for a member, with the given arguments, and otherwise with its parameters."""
         function = self.effect.functions()[name]
         values = {"state": 0.0, **given}
         return function(*(values[a] if a in values else self.value(a, member) for a in arguments(function)))
 
     def take(self, members: np.ndarray) -> Placed:
-        """Return those of some members, or of all members in another order."""
+        """Return the effects of some members, or of all members in another order."""
         arrays = self.effect.arrays
         columns = {name: column if name in arrays else column[members] for name, column in self.columns.items()}
         return Placed(self.effect, columns, tuple(points[members] for points in self.points))
 
 
 def joined(parts: Sequence[Placed], of_arrays: Callable[[list[Any]], Any] = lambda arrays: arrays[0]) -> Placed:
-    """Return effects of one kind as one, with all their members; `of_arrays` joins what is no column of members."""
+    """Merge effects of one kind with all their members; `of_arrays` merges values that are not columns of members."""
     one = parts[0]
     if len(parts) == 1:
         return one

@@ -1,4 +1,4 @@
-"""Scenes: points and the effects on them. A scene is compiled to a problem with code for exactly these effects."""
+"""Scenes: points and the effects on them. A scene is compiled to a problem that contains only these effects."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ __all__ = ["Scene"]
 class Scene(Description):
     """Points in one to three dimensions and the effects on them.
 
-    The vector u of a scene's problem has the Cartesian coordinates of the masses: the first coordinate of every mass,
-    in the order in which the masses were added, then the second of every mass, then the third. If a mass has an
-    inertia, the angles of all masses follow: one in the plane, and in space three, which are the integrals of the
-    angular velocity about x, y and z. The states of effects, such as whether a string has broken, follow.
-    `Points.positions` and `Points.angles` give the part of some points.
+    The vector u of a scene's problem has the Cartesian coordinates of the masses: first the x of all masses, in the
+    order in which the masses were added, then the y of all masses, then the z. If a mass has an inertia, the angles of
+    all masses follow: one in the plane, and three in space, the integrals of the angular velocity about x, y and z. The
+    states of effects, such as whether a string has broken, follow. `Points.positions` and `Points.angles` extract the
+    values of some points.
 
     Parameters
     ----------
     dimension : {1, 2, 3}
     box : sequence of float or None, shape (dimension,), optional
-        The sides of a box that repeats itself without end, m; None or 0 along an axis without repetition. A link acts
-        between the nearest images of its points. u does not jump where a point leaves the box.
+        The sides of a periodic box, m; None or 0 along an axis that is not periodic. A link acts between the nearest
+        images of its points. u is unwrapped: it does not jump where a point leaves the box.
     shear : float
-        The rate at which the box shears, 1/s: the images at y + box[1] move along x, by shear box[1] t at the time t.
-        Give the masses the velocity shear y along x, or they start with another flow.
+        The shear rate of Lees-Edwards boundaries, 1/s: the images at y + box[1] are displaced by shear box[1] t along x
+        at the time t. Give the masses the initial velocity shear y along x to start in the shear flow.
 
     Raises
     ------
     ValueError
-        If dimension is not 1, 2 or 3, the box does not have a side for each dimension, or it shears without sides
+        If dimension is not 1, 2 or 3, the box does not have a side for each dimension, or shear is given without sides
         along x and y.
     """
 
@@ -72,8 +72,8 @@ class Scene(Description):
         position : array_like, shape (dimension,)
             Of the centre of mass, m.
         rotation : optional
-            From the frame of the body to that of the scene: in the plane an angle, rad; in space a quaternion (x, y, z,
-            w), a 3 x 3 matrix or a SciPy ``Rotation``. By default the frames are the same.
+            The rotation from the frame of the body to the frame of the scene: in the plane an angle, rad; in space a
+            quaternion (x, y, z, w), a 3 x 3 matrix or a SciPy ``Rotation``. By default the frames are the same.
         velocity : array_like, shape (dimension,)
             Of the centre of mass, m/s.
         angular_velocity : float or array_like, shape (3,)
@@ -82,12 +82,12 @@ class Scene(Description):
         Returns
         -------
         RigidBody
-            It makes points, on which effects act, and joints.
+            It has methods for points, on which effects act, and for joints.
 
         Raises
         ------
         TypeError, ValueError
-            If an argument does not fit the dimension, or is not that of a body.
+            If an argument does not match the dimension, or is not possible for a body.
         """
         if self.dimension == 1:
             raise ValueError("a rigid body needs a scene of 2 or 3 dimensions.")
@@ -121,9 +121,9 @@ class Scene(Description):
     ) -> Points:
         """Add the points and the cells of a mesh, such as the triangles of a sheet or the tetrahedra of a solid.
 
-        Each point gets an equal part of the masses of the cells around it, which are the products of their density and
-        volume at rest; the volume of a triangle is its area times the thickness of the effect. To add an effect to some
-        points of a mesh, index what is returned, as in ``scene.add(effect, *sheet[eig3.scene.edges(cells)])``.
+        The mass of each cell, its density times its volume at rest, is lumped equally to its corners; the volume of a
+        triangle is its area times the thickness of the effect. To add an effect to some points of a mesh, index the
+        returned points, as in ``scene.add(effect, *sheet[eig3.scene.edges(cells)])``.
 
         Parameters
         ----------
@@ -140,8 +140,8 @@ class Scene(Description):
         fixed : array_like of int, or of bool with shape (points,)
             The points that do not move, unless a `Motion` moves them.
         rest : array_like, shape (points, dimension), optional
-            The positions in which no cell has a stress, m, if not those at the start. Other cells on these points, such
-            as those of `HingeBending`, take their shape at rest from them too.
+            The stress-free positions, m; by default the positions at the start. Other cells on these points, such as
+            the cells of `HingeBending`, also take their rest shape from `rest`.
 
         Returns
         -------
@@ -186,24 +186,24 @@ class Scene(Description):
             s.
         name : str
         work : bool
-            Follow the work, J, done by effects without a potential and by supports that move. The method integrates it
-            with the motion and to the same order. ``solution.quadratures["work"]`` is the work at the saved times, and
-            ``solution.drift["energy"]`` is the largest change of the mechanical energy less the work, which is constant
-            in the exact motion. What an event takes from the energy is part of the work. A scene whose mechanical
-            energy is constant follows no work.
+            Integrate the work, J, of effects without a potential and of moving supports, with the motion and to the
+            same order. ``solution.quadratures["work"]`` is the work at the saved times, and
+            ``solution.drift["energy"]`` is the largest change of the mechanical energy minus the work, which is
+            constant in the exact motion. The work includes the energy that events dissipate. For a scene with constant
+            mechanical energy, `work` has no effect.
         threads : int, optional
-            The threads of a run, which share the forces between thousands of near points, and all forces if there are
-            thousands of cells. Their number, from 1 on, changes no bit of the results; without `threads`, the compiler
-            may round some forces in another way. In an ensemble, each member has one.
+            The number of threads of a run, which share the pair forces of thousands of points, and all forces if there
+            are thousands of cells. The results are bitwise the same for every number of threads; without `threads`, the
+            compiler may round some forces differently. In an ensemble, each member has one thread.
 
         Returns
         -------
         Problem
-            Its `energy`, J, is None if it is not constant, because an effect has no potential or an event changes the
-            state, and the work is not followed. Its `names` are x0, x1, ..., then y0, ... and z0, ..., by the number of
-            the mass, and the names of events with a state. Its `events` have names such as "rigid stop 0": those of one
-            kind are numbered in the order in which they were added. Its `note` lists what the scene contains. To read
-            the code, use ``inspect.getsource(problem.rhs.py_func)``.
+            `energy`, J, is None if an effect has no potential or an event changes the state, and `work` is False.
+            `names` are x0, x1, ..., then y0, ... and z0, ..., by the number of the mass, and the names of events with a
+            state. `events` have names such as "rigid stop 0", numbered for each kind in the order in which they were
+            added. `note` lists the content of the scene. To read the code, use
+            ``inspect.getsource(problem.rhs.py_func)``.
 
         Raises
         ------
@@ -214,7 +214,7 @@ class Scene(Description):
         cloud = self._cloud()
         assembly = assemble(cloud, self._placed, self._pair_forces, work=work)
         if assembly.angles and cloud.bodies.vectors:
-            raise ValueError("a scene with rigid bodies has no masses with an inertia of their own: make them bodies.")
+            raise ValueError("a scene with rigid bodies cannot have masses with an inertia: add them with scene.body.")
         code = codegen.compiled(assembly, None if threads is None else check_count(threads, "threads"))
         u0, v0 = assembly.start(cloud.positions), assembly.start(cloud.velocities, cloud.spins)
         if assembly.constraints:

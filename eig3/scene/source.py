@@ -1,4 +1,4 @@
-"""The source of a scene as it is written, its parameters in one array p, and the names of these and of functions."""
+"""The source of a scene, its parameters in one array p, and the names of parameters and functions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Column:
     """The place of a parameter in p.
 
     p contains one value if all members have the same value, and otherwise one value for each member; for a vector, this
-    holds for each component. A component that is 0 in all members is written as 0.0 in the source, so that the compiler
+    holds for each component. A component that is 0 in all members is written as 0.0 in the source, and the compiler
     removes it. This is not done if all components of an effect's vector are 0, because the code of an effect must not
     depend on its parameters.
     """
@@ -54,7 +54,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Other:
-    """Where an array is in p, or a state in u: the source of that of a member."""
+    """The place of an array in p, or of a state in u: the source for each member."""
 
     of: Callable[[str], str]
     is_uniform: bool
@@ -77,9 +77,10 @@ class Symbols:
     functions : dict of str to jitted function
     columns : dict of str to Column or Other
     members : int
-        The number of motions that the law stands for; 1 for other effects.
+        The number of motions in the law; 1 for other effects.
     names : dict of str to str
-        Names in the source of functions, of parameters with one value for all members, and, as "=force", of results.
+        The names in the source of functions, of parameters with one value for all members, and, as "=force", of
+        results.
     events : ndarray of int
         The number of each member's event; empty for an effect without an event.
     """
@@ -96,7 +97,7 @@ class Symbols:
         return any(name in arguments(self.functions[f]) for f in functions if f in self.functions)
 
     def constants(self, *functions: str) -> Iterator[str]:
-        """Return assignments of those parameters of these functions that have one value for all members."""
+        """Return assignments of the parameters of these functions with one value for all members."""
         for name, column in self.columns.items():
             if column.is_uniform and (name == self.effect.cutoff_field or self.reads(name, *functions)):
                 yield f"{self.names[name]} = {column.of('')}"
@@ -119,27 +120,27 @@ class Source(Writer):
     Attributes
     ----------
     size : int
-        That of p so far.
+        The size of p so far.
     functions : dict of str to jitted function
-        By their names in the source.
+        The functions by their names in the source.
     weight : Column
         Inverse masses.
     turn : Column or None
-        Inverse inertias, 0 for masses that do not spin; None if none does.
+        Inverse inertias, 0 for masses without inertia; None if no mass has an inertia.
     motions : list of Symbols
     box : BoxText
     team : int or None
-        The place of the team of threads that share the forces between near points; None if no number of threads is
-        given, or the scene is small.
+        The place of the team of threads that share the pair forces; None if `threads` is not given, or the scene is
+        small.
     is_of_part : bool
-        Whether what is written is for the masses of a part, from low to end.
+        Whether the current lines are for the masses of a part, from low to end.
     """
 
     def __init__(self, assembly: Assembly) -> None:
         super().__init__()
         self._parts: list[np.ndarray] = []
         self.size = 0
-        self._wanted: list[str] = []  # names, by the numbers that stand for them until the source is written
+        self._wanted: list[str] = []  # names, by the numbers that replace them until the source is written
         self.functions: dict[str, Any] = {}
         self._first_state, cloud = assembly.coordinates, assembly.cloud
         self.weight = self.column(1 / cloud.in_order(cloud.masses))
@@ -156,7 +157,7 @@ class Source(Writer):
         return np.concatenate(self._parts)
 
     def add(self, values: np.ndarray) -> int:
-        """Append to p; return where."""
+        """Append to p; return the place."""
         self._parts.append(np.ravel(values).astype(np.float64))
         self.size += self._parts[-1].size
         return self.size - self._parts[-1].size
@@ -199,12 +200,12 @@ class Source(Writer):
         return Other(lambda member: f"p[index({starts.of(member)}) : index({ends.of(member)})]", False)
 
     def _name(self, wanted: str) -> str:
-        """Return what stands for a name in the source until `named` puts one there that is like `wanted`."""
+        """Return a placeholder in the source, which `named` replaces by a name similar to `wanted`."""
         self._wanted.append(wanted)
         return f"${len(self._wanted) - 1}"
 
     def named(self) -> tuple[str, dict[str, Any]]:
-        """Return the source with names that are nowhere else in it, and its functions by their names."""
+        """Return the source with unique names, and its functions by their names."""
         source = str(self)
         taken, names = {*re.findall(r"\w+", source), *self.functions}, dict[str, str]()
         for number, wanted in enumerate(self._wanted):

@@ -1,4 +1,4 @@
-"""What the parts of a scene's source share: how they write, and the texts of entries and conditions."""
+"""The base classes of the parts of a scene's source, and the texts of entries and conditions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from .assembly import Assembly
 from .source import Column, Source, Symbols, entry
 
-NEXT = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}  # the axes that follow
+NEXT = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}  # the next axes in cyclic order
 
 
 class Text:
@@ -18,14 +18,14 @@ class Text:
         self._source, self._line, self._block, self._only_if = source, source.line, source.block, source.only_if
         self._n, self._axes, self._weight = assembly.n, "xyz"[: assembly.dimension], source.weight
         self._follows_work, self._box = assembly.follows_work, source.box
-        # on a line without end, a link has a sign: its ends may pass through each other
+        # in one dimension without a box, a link has a sign: its ends may pass through each other
         self._is_signed = len(self._axes) == 1 and not source.box.sides
         self._turn = source.turn
-        self._spins = "xyz"[3 - assembly.angles :] if assembly.angles else ""  # the axes about which masses spin
+        self._spins = "xyz"[3 - assembly.angles :] if assembly.angles else ""  # the axes about which masses rotate
 
     @contextmanager
     def _function(self, head: str, motions: Iterable[int] = ()) -> Iterator[None]:
-        """Write a function, which starts with the common inverse mass, the sides of the box, and moved supports."""
+        """Write a function that starts with the common inverse mass, the sides of the box, and moved supports."""
         self._line(*[""] * bool(self._source.lines), "@jit")
         with self._block(f"def {head}"):
             if self._weight.is_uniform:
@@ -95,14 +95,14 @@ class BlockText(Text):
     """Effects of one kind in the source, with loops over what they act on."""
 
     def forces(self) -> None:
-        """Add the forces to the accelerations of the masses, or of those of a part."""
+        """Add the forces to the accelerations of the masses, or of the masses of a part."""
         raise NotImplementedError
 
     def potential(self) -> None:
         """Add the potentials to the total."""
 
     def power(self) -> None:
-        """Add the power of the effects without a potential, and of supports and images that move, to the total."""
+        """Add the power of the effects without a potential, and of moving supports and images, to the total."""
         raise NotImplementedError
 
 
@@ -119,5 +119,5 @@ def cross(axis: str, first: str, second: str) -> str:
 
 
 def of_part(*masses: str) -> str:
-    """Return the condition that one of these masses is among those of a part, which are from low to end."""
+    """Return the condition that one of these masses is in the part from low to end."""
     return " or ".join(f"low <= {i} < end" for i in masses)

@@ -1,4 +1,4 @@
-"""Write a few constraints unrolled, without loops of Python source, which run in the lanes of an ensemble.
+"""Write few constraints as unrolled Python source without loops, which runs in the lanes of an ensemble.
 
 `eig3.kernels.constraints` has the formulas, and `eig3.kernels.constraint_lanes` the loops around the lines. The numbers
 of the constraints are in their table in p, at constant places; nothing is written there. In the source, the arm k has
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 _LAST = "r[0]"
 
-#: Rows of constraints (and points of bodies), and degrees of freedom, up to which unrolled lines are written for them:
-#: with more, to compile these takes longer than most ensembles.
+#: The largest numbers of rows of constraints (and of points of bodies) and of degrees of freedom for unrolled lines:
+#: with more, compilation takes longer than most ensembles.
 _FEW, _FEW_DEGREES = 8, 24
 
 
 def is_few(assembly: Assembly) -> bool:
-    """Return whether a scene has constraints, and so few that they are written unrolled, without loops."""
+    """Return whether a scene has constraints, and few enough to be unrolled."""
     system = assembly.constraints
     if system is None or system.kinds or assembly.pair_forces:
         return False
@@ -48,7 +48,7 @@ class UnrolledText:
         self._read: dict[str, str] = {}  # the names of the entries of u and p that were read
 
     def unrolled(self, forces: Any) -> Straight:
-        """Return the lines, for a function of the accelerations that do not know the constraints."""
+        """Return the lines, for a function of the accelerations without constraints."""
         return Straight(
             forces=forces,
             react=self._text(self._constrain),
@@ -65,7 +65,7 @@ class UnrolledText:
         return ["a = batch()", "forces(t, u, v, p, a[: len(u)])", *self._lines(self._react), *reactions]
 
     def _lines(self, write: Callable[[], Iterator[str]]) -> list[str]:
-        """Return lines. What they read of u and p is read first: they compile in less time."""
+        """Return lines that first read all their entries of u and p: they compile in less time."""
         self._read = {}
         lines = [*write()]
         return [*(f"{name} = {entry}" for entry, name in self._read.items()), *lines]
@@ -78,7 +78,7 @@ class UnrolledText:
         yield from self._push("a", "+")
 
     def _react(self) -> Iterator[str]:
-        """Find the multipliers; they are NaN where the constraints depend on each other."""
+        """Find the multipliers; they are NaN where the constraints are dependent."""
         yield from self._factors()
         yield from self._sums("e", "v", False)
         for k in self._rows:
@@ -217,5 +217,5 @@ class UnrolledText:
         return self._once("p", getattr(self._at, area) + k)
 
     def _once(self, array: str, k: int) -> str:
-        """Return the name of an entry that is read once, before the lines."""
+        """Return the name of an entry that is read once before the lines."""
         return self._read.setdefault(f"{array}[{k}]", f"{array}_{k}")

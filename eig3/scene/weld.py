@@ -14,8 +14,8 @@ from .constraint import Constraint, Equation
 class Weld(Constraint):
     """Two rigid bodies that move as one: ``scene.add(Weld(), body, other)``, or ``body.weld(other)``.
 
-    Formula: the relative position and orientation stay as at the start. One body alone is welded to the ground. The
-    first body bears the reactions: the components of the force at its centre, N, and the torques, N m: one in the
+    Formula: the relative position and orientation stay as at the start. A single body is welded to the ground. The
+    reactions act on the first body: the components of the force at its centre, N, and the torques, N m: one in the
     plane, and in space three, about its principal axes.
 
     Notes

@@ -1,1 +1,1 @@
-"""Steppers: states that advance in compiled code, and what is looked for within their steps."""
+"""Steppers: states that advance in compiled code, and the observers of their steps."""

@@ -1,4 +1,4 @@
-"""The invariants and outputs that the runs of a system follow, and their places in arrays."""
+"""The observed invariants and outputs of a system, and their places in arrays."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def n_invariants(n_steps: int, spacing: float) -> int:
 
 
 class Followed:
-    """The quantities that runs of a system follow, and where each has its place in the arrays of an `Observer`.
+    """The quantities that runs of a system evaluate at each step, and their places in the arrays of an `Observer`.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Followed:
     invariants, outputs : dict of str to int
         The number of each quantity, by its name.
     work : list of int
-        For each quantity, the degree of freedom whose velocity is the work that it takes away, or -1.
+        For each quantity, the degree of freedom whose velocity is the work that it subtracts, or -1.
     writing : list of int
         The numbers of the quantities that write their values.
     columns : int
@@ -44,7 +44,7 @@ class Followed:
     advance : int
         The address of the function that advances the history of a right-hand side, or 0.
     project : int
-        The address of the function that moves a state to the nearest one which keeps the constraints, or 0.
+        The address of the function that projects a state onto the constraints, or 0.
     """
 
     def __init__(self, functions: Functions, form: Form, advance: int = 0, project: int = 0) -> None:
@@ -77,9 +77,9 @@ class Followed:
         return bool(self.quantities or self.advance or self.project)
 
     def arrays(self, n: int, numbers: np.ndarray | None = None) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return all numbers that change along a run, and the arrays which are views of them.
+        """Return all numbers that change during a run, and arrays that are views of them.
 
-        Runs without quantities share those for each n, in which nothing changes.
+        Runs without quantities share these arrays for each n, because nothing changes in them.
         """
         if not self.quantities and n in self._idle:
             return self._idle[n]
@@ -91,15 +91,15 @@ class Followed:
         return found
 
     def _placed(self, n: int) -> tuple[int, list[tuple[int, int, tuple[int, ...]]]]:
-        """Return the number of all numbers; and the begin, the end and the shape of each array among them."""
+        """Return the total count of numbers, and the begin, the end and the shape of each array in them."""
         columns, places, size = self.columns, [], 0
         shapes: list[tuple[int, ...]] = [
             (self._out_size,),  # the values in the latest state
             (4, columns),  # the extremes
-            (2, columns),  # those at the ends of steps and at events
-            (PARTS, 2, columns),  # those in the last parts of the run
+            (2, columns),  # extremes over the ends of steps and events
+            (PARTS, 2, columns),  # extremes in the last parts of the run
             (PARTS, n),  # the signs of the velocities at the ends of these parts
-            (len(self.quantities),),  # the largest velocities that are works
+            (len(self.quantities),),  # the largest |work|
             (columns,),  # the values at the start
             (columns,),  # the values before the next step
         ]

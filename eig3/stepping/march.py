@@ -1,4 +1,4 @@
-"""A state that advances in compiled code: what runs with a fixed step and with tolerances have in common."""
+"""A state that advances in compiled code: the base class for fixed steps and for tolerances."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from .slices import Slices
 from .system import Kernel, System
 from .team import team
 
-ENDED_BY_EVENT = (TERMINAL, RESTING)  # the first and the last of the outcomes of an event that ends a run
+ENDED_BY_EVENT = (TERMINAL, RESTING)  # the first and the last outcome of an event that ends a run
 
 
 def _is_set(cancels: tuple[Cancel, ...]) -> bool:
@@ -52,7 +52,7 @@ class Cancel(Protocol):
 
 
 class Rows(NamedTuple):
-    """Arrays for saved states: times, the steps that led there, and u and v; those with a fixed step have no times."""
+    """Arrays for saved states: times, steps, u and v; with a fixed step, there are no times."""
 
     t: np.ndarray
     h: np.ndarray
@@ -80,19 +80,19 @@ class March:
     params : ndarray
         The parameters p.
     running : Method
-        The record that takes the steps: the method with every option "auto" decided.
+        The method of the steps, with every option "auto" decided.
     changed_at : float or None
-        The time from which the fallback of the method takes the steps, because the solve of a step did not converge.
+        The time after which the fallback of the method is used, because the solve of a step did not converge.
     index : int
         Number of steps taken.
     ended : int
         How the last call of the kernel ended; see `eig3.kernels.protocol`.
     raised_before : int or None
-        The step index before which a function raised an exception in the last `take`; None if none did.
+        The step index before which a function raised an exception in the last `take`; None without an exception.
     seconds : float
         Time spent in the kernel, s, without compilation.
     look : Observer or None
-        What is looked at in each step; None if nothing is.
+        The observer of each step; None if nothing is observed.
     """
 
     system: System
@@ -103,11 +103,11 @@ class March:
     index, seconds, ended = 0, 0.0, GOING
     raised_before: int | None = None
     changed_at: float | None = None
-    _carried: int  # the number of rows of the state that are not scratch
+    _carried: int  # the number of rows of the state without scratch
     _slices: Slices | None = None
 
     def _begin(self, system: System, t0: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None) -> Any:
-        """Stand at the start, and return the acceleration there; `params` must come from `guarded`."""
+        """Set the state to the start, and return the acceleration there; `params` must come from `guarded`."""
         self.system, self.form, self.start, self.t0, self.params = system, system.form, (u, v), t0, params
         self.n = n = 1 if self.form is SCALAR else u.size
         self._lock = threading.Lock()
@@ -131,12 +131,12 @@ class March:
         """Refuse a method that ignores the velocity if another velocity changes the acceleration at the start."""
         u, v = self.start
         with np.errstate(over="ignore"):
-            other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v, by at least the size of u
+            other = v + (1.0 + np.abs(u) + np.abs(v))  # differs from v by at least the size of u
         if np.any(self.acceleration(self.t0, u, other) != a):
             raise velocity_refused(self.method)
 
     def _work_rows(self) -> int:
-        """Return the number of rows of scratch for events and wanted times."""
+        """Return the number of rows of scratch for events and times of t_eval."""
         raise NotImplementedError
 
     def _compiled(self, method: Method) -> Kernel:
@@ -148,7 +148,7 @@ class March:
         raise NotImplementedError
 
     def _use(self, kernel: Kernel) -> None:
-        """Take the next steps with a kernel, and a state of the size that it needs."""
+        """Use a kernel for the next steps, with a state of the size that it needs."""
         raise NotImplementedError
 
     @property
@@ -162,7 +162,7 @@ class March:
 
     @property
     def n_rhs(self) -> int:
-        """Number of evaluations of the right-hand side, including the one at the start."""
+        """Number of evaluations of the right-hand side, including the evaluation at the start."""
         return 1 + int(self.tally[EVALUATIONS])
 
     @property
@@ -177,17 +177,17 @@ class March:
 
     @property
     def is_within_log(self) -> bool:
-        """Whether a call of the kernel ended within a step because the log was full: u and v are no state after it."""
+        """Whether a call of the kernel ended within a step because the log was full: u and v are then not valid."""
         return bool(self.tally[WITHIN] == 1)
 
     @property
     def n_wanted(self) -> int:
-        """The number of wanted times whose states are written."""
+        """The number of times of t_eval whose states are written."""
         return int(self.tally[NEXT])
 
     @property
     def is_finite(self) -> bool:
-        """Whether u and v are finite. If they are not, they stay so in all later steps."""
+        """Whether u and v are finite. Values that are not finite remain so in all later steps."""
         return bool(np.logical_and.reduce(np.isfinite(self.state[:2]), axis=None))
 
     @property
@@ -204,7 +204,7 @@ class March:
         return self.state[row].copy() if self.form is not SCALAR else float(self.state[row].item())
 
     def take(self, count: int, every: int, row: int, rows: Rows, cancels: tuple[Cancel, ...]) -> int:
-        """Take at most `count` steps, one slice after the other.
+        """Take at most `count` steps, in slices.
 
         Parameters
         ----------
@@ -215,17 +215,17 @@ class March:
             The first of the rows to write.
         rows : Rows
         cancels : tuple of Cancel
-            Set one of them to end the call soon.
+            Set one of these to end the call soon.
 
         Returns
         -------
         int
-            The row after the last one that was written. `ended` says why the call ended: GOING after all steps, or if
-            it was cancelled.
+            The row after the last written row. `ended` gives the reason why the call ended: GOING after all steps, or
+            if it was cancelled.
 
         Notes
         -----
-        After an exception of a function, the march is at its state before the call.
+        After an exception in a function, the march is at the state before the call.
         """
         self._before = self.kept()
         end, kernel = self.index + count, self.kernel
@@ -239,7 +239,7 @@ class March:
         arguments = self.look and self.look.arguments
         slices = self._slices = self._slices or self._new_slices()
         while self.index < end:
-            # After a call that ended within a step, the next one takes this step only: then the run may stop.
+            # After a call that ended within a step, the next call takes only this step: then the run may stop.
             steps, *begun = slices.begin(1 if self.look and self.is_within_log else end - self.index)
             try:
                 taken, row, ended = kernel.call(
@@ -276,36 +276,36 @@ class March:
         return Slices(self.pace)
 
     def _has_room(self, row: int, rows: Rows) -> bool:
-        """Return whether rows are left, so that it was the log of events that was full."""
+        """Return whether rows are left: then the log of events was full."""
         return True
 
     def _goes_on_after(self, ended: int) -> bool:
-        """Change to another kernel, if there is one with which the run can go on."""
+        """Change to another kernel with which the run can continue; return whether there is such a kernel."""
         return False
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
-        """A block that only one thread can be in."""
+        """A block that only one thread can enter."""
         if not self._lock.acquire(blocking=False):
-            raise RuntimeError("this stepper is in use: give each thread its own, made with fork().")
+            raise RuntimeError("this stepper is in use: give each thread a separate stepper, made with fork().")
         try:
             yield
         finally:
             self._lock.release()
 
     def back(self) -> None:
-        """Go back to the state before the last call that took steps. `seconds` still includes its time."""
+        """Restore the state before the last call that took steps. `seconds` still includes its time."""
         with DeferredInterrupt(), self._alone():
             self.restore(self._before)
 
     def fork(self) -> Any:
-        """Return an independent march at the same state, as `copy.copy` does too. It saves nothing at wanted times."""
+        """Return an independent march at the same state, as `copy.copy` does. It saves nothing at times of t_eval."""
         with DeferredInterrupt(), self._alone():
             other = object.__new__(type(self))
             vars(other).update(vars(self))
             other._lock = threading.Lock()
             other.state, other.tally = aligned(self.state.shape), self.tally.copy()
-            other.params = guarded(self.params)  # a scene keeps lists of neighbours there
+            other.params = guarded(self.params)  # a scene stores neighbour lists in them
             other.state[...] = self.state
             other._slices = self._slices and self._slices.copy()
             other.look = self.look and self.look.fork()
@@ -323,7 +323,7 @@ class March:
         return other
 
     def kept(self) -> dict[str, Any]:
-        """Return what this march needs, besides its arguments, to go on from here: numbers and arrays."""
+        """Return the state from which this march can continue, in numbers and arrays."""
         look, remembers = self.look, self.system.history
         return {
             "index": self.index,
@@ -337,7 +337,7 @@ class March:
         }
 
     def restore(self, kept: Mapping[str, Any]) -> None:
-        """Stand where this march, or one with the same arguments, has returned `kept`; `seconds` stays."""
+        """Restore the state `kept` of this march, or of a march with the same arguments; `seconds` does not change."""
         changed_at = kept["changed_at"]
         if (changed_at is None) != (self.changed_at is None):
             self._use(self._compiled(self.method if changed_at is None else self._fallback()))
@@ -350,12 +350,12 @@ class March:
             self.params[...] = kept["remembered"]
 
     def load(self, kept: Mapping[str, Any]) -> None:
-        """Do the same with what comes from a file.
+        """Restore a state from a file, after a check.
 
         Raises
         ------
         ValueError
-            If `kept` is that of another march.
+            If `kept` belongs to a different march.
         """
         changed_at = None if kept["changed_at"] is None else float(kept["changed_at"])
         state, tally = (reals(kept[name], name) for name in ("state", "tally"))
@@ -364,7 +364,7 @@ class March:
         counts = tally[[EVALUATIONS, TIME, NEXT]]
         if not (np.isfinite(counts).all() and tally[EVALUATIONS] >= 0 and tally[NEXT] >= 0):
             raise ValueError(f"{counts} are not the counts and the time of a run.")
-        tally[[LOGGED, ENDED_BY, WITHIN]] = 0  # places in arrays of another process
+        tally[[LOGGED, ENDED_BY, WITHIN]] = 0  # indices of arrays of another process
         checked = {"index": check_index(kept["index"]), "changed_at": changed_at, "state": state, "tally": tally}
         if self.look:
             checked["numbers"] = self.look.checked(kept["numbers"])
@@ -379,9 +379,9 @@ class March:
 
     @property
     def accelerations(self) -> Any:
-        """A function that evaluates f(t_i, u_i, v_i) at rows of states, and does not keep this march.
+        """A function that evaluates f(t_i, u_i, v_i) at rows of states, without a reference to this march.
 
-        It is None for a right-hand side with a history, which p has for the last state only.
+        It is None for a right-hand side with a history, which p has only for the last state.
         """
         if self.system.history:
             return None
@@ -395,7 +395,7 @@ class March:
         ValueError
             If u or v has another shape than u0.
         """
-        # The compiled function would read any other array as if it were a contiguous one of this size.
+        # The compiled function reads any array as a contiguous array of this size.
         u, v = np.asarray(u, dtype=np.float64, order="C"), np.asarray(v, dtype=np.float64, order="C")
         shape = () if self.form is SCALAR else (self.n,)
         if not u.shape == v.shape == shape:
@@ -410,7 +410,7 @@ class March:
     def find_unwritten(self, t: float) -> int | None:
         """Return an index j such that rhs, in the vector form, does not write a[j] at the time t, if any.
 
-        This takes one evaluation, which `n_rhs` does not count.
+        The check takes one evaluation, which `n_rhs` does not count.
         """
         u, v, call = self.state[0], self.state[1], self.system.callback.call
         try:

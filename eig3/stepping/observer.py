@@ -1,4 +1,4 @@
-"""What a run looks at in each step: events, times at which the state is wanted, invariants and outputs."""
+"""The observer of a run in each step: events, times of t_eval, invariants and outputs."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ from .followed import n_invariants, spacing_of
 from .samples import within_steps
 from .system import System
 
-_LOG_ROWS = 32  # occurrences of each event in the log, at least
+_LOG_ROWS = 32  # least number of occurrences of each event in the log
 _LOG_VALUES = 2**15  # values in the log of occurrences, after which the kernel returns
 _NO_TIMES = np.empty(0)
 
 
 def check_times(t_eval: ArrayLike | None, t0: float, t1: float) -> np.ndarray | None:
-    """Return the times at which the state is wanted, or None."""
+    """Return the times of t_eval as an array, or None."""
     if t_eval is None:
         return None
     times = reals(t_eval, "t_eval")
@@ -59,7 +59,7 @@ def check_times(t_eval: ArrayLike | None, t0: float, t1: float) -> np.ndarray | 
 
 
 def further_times(times: np.ndarray | None, t_eval: ArrayLike | None, end: float, t_end: float) -> np.ndarray | None:
-    """Return the wanted times of a run that goes on from `end` to `t_end`: those up to now, and those of `t_eval`."""
+    """Return the times of a run that continues from `end` to `t_end`: the times so far, and the new times `t_eval`."""
     if t_eval is None:
         return times
     if times is None:
@@ -71,23 +71,23 @@ def further_times(times: np.ndarray | None, t_eval: ArrayLike | None, end: float
 
 
 class Observer:
-    """What one run looks at in each step.
+    """The observer of one run.
 
     Parameters
     ----------
     system : System
     times : ndarray or None
-        The times at which the state is wanted.
+        The times of t_eval.
     n : int
         The number of degrees of freedom.
     work_rows : int
-        The number of rows of scratch that the kernel needs for events and wanted times.
+        The number of rows of scratch that the kernel needs for events and times of t_eval.
 
     Attributes
     ----------
     watch : Watch
     numbers : ndarray
-        All that changes along the run of the invariants and outputs. The other arrays are views of it.
+        All values of the invariants and outputs that change during the run. The other arrays are views of it.
     """
 
     def __init__(self, system: System, times: np.ndarray | None, n: int, work_rows: int) -> None:
@@ -99,7 +99,7 @@ class Observer:
         wanted = _NO_TIMES if times is None else times
         self.watch = Watch(system.event_table, log, wanted, _NO_TIMES, nothing, nothing, work, np.empty((4, count)))
         self._found: list[np.ndarray] = []
-        self.n_found = 0  # occurrences so far, without those in the log
+        self.n_found = 0  # occurrences so far, without occurrences in the log
         self._within: Within | None = None
         self._use_numbers(None)
 
@@ -110,13 +110,13 @@ class Observer:
 
     @property
     def arguments(self) -> Look:
-        """What the kernel gets."""
+        """The argument of the kernel."""
         arrays = self._table, self._out, self._widest, self.steps, self.parts, self.forward, self.most
         follow = Follow(*arrays, len(self.followed.invariants), self.followed.advance, self.followed.project)
         return Look(self.watch, follow, self._within)
 
     def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any, params: np.ndarray) -> None:
-        """Look at the start: write the signs of g, and that there was no reset before, and evaluate the quantities.
+        """Observe the start: write the signs of g, clear the last reset, and evaluate the quantities.
 
         Raises
         ------
@@ -144,10 +144,9 @@ class Observer:
             lowest[:] = highest[:] = self._start
 
     def look_within(self, formulas: Any, rtol: float) -> None:
-        """Find the extremes of quantities within steps of variable length too.
+        """Also find the extremes of quantities within steps of variable length.
 
-        An invariant that is nearly constant takes few evaluations: smaller relative changes than rtol within a step
-        are not looked at.
+        A nearly constant invariant takes few evaluations: relative changes within a step below rtol are ignored.
         """
         followed, n = self.followed, self._n
         self._within = None if followed.quantities else followed.idle_within.get(n)
@@ -160,18 +159,18 @@ class Observer:
             followed.idle_within[n] = self._within
 
     def save_wanted(self, rows: Mapping[str, np.ndarray], n: int) -> None:
-        """Let the kernel write what is saved at the wanted times to these rows: u, v and, if they are there, steps."""
+        """Make the kernel write the states at the times of t_eval to these rows: u, v and, if present, steps."""
         u, v = rows["u"].reshape(-1, n), rows["v"].reshape(-1, n)
         h = rows["steps"] if "steps" in rows else np.empty(len(u))
         self.watch = self.watch._replace(h_rows=h, u_rows=u, v_rows=v)
 
     def save_outputs(self, rows: Mapping[str, np.ndarray]) -> None:
-        """Let the kernel write the values of outputs in saved states to these arrays, of shape (rows, width)."""
+        """Make the kernel write the values of outputs in saved states to these arrays, of shape (rows, width)."""
         for name, array in rows.items():
             self._table[self.followed.outputs[name], ROWS] = array.__array_interface__["data"][0]
 
     def want(self, times: np.ndarray | None) -> None:
-        """Set the times at which the state is wanted, for a run that goes on."""
+        """Set the times of t_eval, for a run that continues."""
         self.times = times
         self.watch = self.watch._replace(times=_NO_TIMES if times is None else times)
 
@@ -189,7 +188,7 @@ class Observer:
         return other
 
     def checked(self, numbers: Any) -> np.ndarray:
-        """Return numbers that come from a file, if they can be those of this observer."""
+        """Return numbers from a file, if their shape matches this observer."""
         numbers = reals(numbers, "the numbers of quantities")
         if numbers.shape != self.numbers.shape:
             raise ValueError("the numbers of the invariants and outputs have another shape.")
@@ -212,12 +211,12 @@ class Observer:
             tally[LOGGED] = 0
 
     def forget_from(self, n_found: int) -> None:
-        """Forget the occurrences since there were `n_found` of them."""
+        """Discard the occurrences after the first `n_found`."""
         if n_found < self.n_found:
             self._found, self.n_found = [np.concatenate(self._found)[:n_found]], n_found
 
     def finish(self, tally: np.ndarray, t0: float, t: float, h: float, u: Any, v: Any) -> None:
-        """Write the state at t, the end of the run, at the wanted times that differ from t by round-off only.
+        """Write the state at t, the end of the run, at the times of t_eval that differ from t only by round-off.
 
         It is the state before the resets at t, if there are any.
         """
@@ -227,16 +226,16 @@ class Observer:
         first, last = self.times.searchsorted([t, t + near])
         some = slice(min(first, int(tally[NEXT])), last)
         for block in (found for found in self._found[-1:] if len(found)):
-            row = block[min(int(np.searchsorted(block[:, 1], t - near)), len(block) - 1)]  # they are in order of time
+            row = block[min(int(np.searchsorted(block[:, 1], t - near)), len(block) - 1)]  # in order of time
             if row[1] >= t - near:
                 u, v = row[2 : 2 + self._n], row[2 + self._n : 2 + 2 * self._n]
         self.watch.u_rows[some], self.watch.v_rows[some], self.watch.h_rows[some] = u, v, h
         tally[NEXT] = max(last, int(tally[NEXT]))
 
     def recall(self, events: Mapping[str, Occurrences], counts: Mapping[str, int] | None = None) -> None:
-        """Take the first occurrences of each event, or all, as those that were found so far.
+        """Set the occurrences so far to the first occurrences of each event, or to all.
 
-        Their states may have fewer degrees of freedom, because quadratures are not among them: those are NaN.
+        Their states may lack the degrees of freedom of quadratures, which are then NaN.
         """
         rows = []
         for k, name in enumerate(self.system.events):
@@ -251,7 +250,7 @@ class Observer:
         self._found, self.n_found = [found_rows[np.argsort(found_rows[:, 1], kind="stable")]], len(found_rows)
 
     def found(self) -> dict[str, Callable[[], Any]]:
-        """Return functions that find what a solution has of the look, by the names of its fields."""
+        """Return functions that compute the fields of a solution from this observer, by the names of the fields."""
         return {"events": self.occurrences, "drift": self.drift, "extremes": self.extremes}
 
     def occurrences(self) -> dict[str, Occurrences]:
@@ -300,7 +299,7 @@ class Observer:
         return result
 
     def column(self, k: int) -> int:
-        """The column of a quantity, or its first one, in the arrays with one for each value."""
+        """The first column of a quantity in the arrays with a column for each value."""
         return int(self.followed.table[k, COLUMN])
 
     def _columns(self, k: int) -> slice:

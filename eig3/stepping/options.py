@@ -1,4 +1,4 @@
-"""The options of a run: one record, which single runs, prepared runs, ensembles, problems and loaded runs have."""
+"""The options of a run, shared by single runs, prepared runs, ensembles, problems and loaded runs."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ _NO_FUNCTIONS = Functions({}, {})
 
 
 class RunOptions(NamedTuple):
-    """The options of a run, checked. Later changes of the arrays and dictionaries of the caller do not matter.
+    """The checked options of a run, independent of the arrays and dictionaries of the caller.
 
     Attributes
     ----------
     h : float or None
         The fixed step; None with tolerances.
     tolerances : Tolerances or None
-        Those of any number of degrees of freedom; None with a fixed step.
+        The tolerances for any number of degrees of freedom; None with a fixed step.
     method : Method or None
-        None for the usual method of a run with tolerances, which depends on the right-hand side.
+        None for the default method of a run with tolerances, which depends on the right-hand side.
     save_every : int or None
-        None saves the first and the last state, or those at `t_eval`.
+        None saves the first and the last state, or the states at `t_eval`.
     t_eval : ndarray or None
     events : dict of str to Event
     functions : Functions
@@ -43,14 +43,14 @@ class RunOptions(NamedTuple):
     labels : Labels or None
         Names and units of the degrees of freedom.
     quadratures : tuple of str
-        The names of the last degrees of freedom, whose velocities are quadratures over time and no motion.
+        The names of the last degrees of freedom, whose velocities are quadratures over time.
     layout : Layout or None
         The names of the parameters of each call, to which the functions are bound; None for an array.
     """
 
     h: float | None = None
     tolerances: Tolerances | None = None
-    method: Any = None  # None only before the run is prepared
+    method: Any = None  # None until the run is prepared
     save_every: int | None = None
     t_eval: np.ndarray | None = None
     events: Mapping[str, Event] = _NO_EVENTS
@@ -66,16 +66,16 @@ class RunOptions(NamedTuple):
 
     @property
     def every(self) -> int:
-        """A state is saved after so many steps."""
+        """The number of steps between saved states."""
         return NEVER if self.save_every is None else self.save_every
 
     @property
     def has_own_times(self) -> bool:
-        """Whether states may be saved at times that only the run tells."""
+        """Whether the times of saved states are known only after the run."""
         return self.t_eval is None and (self.has_tolerances or any(event.terminal for event in self.events.values()))
 
     def rows(self, n_steps: int) -> int:
-        """Return the number of states to save in a run of so many steps; with tolerances, there may be more."""
+        """Return the number of saved states in a run of `n_steps` steps; with tolerances, there may be more."""
         if self.t_eval is not None:
             return len(self.t_eval)
         return 2 if self.has_tolerances else n_rows(n_steps, self.every)
@@ -101,7 +101,7 @@ def run_options(
     labels: Labels | None = None,
     quadratures: tuple[str, ...] = (),
 ) -> RunOptions:
-    """Check options as `eig3.integrate` has them. Functions that read parameters by names are bound to the layout.
+    """Check the options of `eig3.integrate`. Functions that read parameters by names are bound to the layout.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def run_options(
 
 
 def _refuse(given: dict[str, Any]) -> None:
-    """Refuse options of tolerances beside h."""
+    """Refuse options of tolerances together with h."""
     for name, value in given.items():
         if value is not None:
             what = "the steps follow from it" if name == "rtol" else "it belongs to rtol"

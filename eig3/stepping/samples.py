@@ -1,4 +1,4 @@
-"""Where quantities are evaluated within a step of variable length."""
+"""Sample points for quantities within a step of variable length."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..kernels.protocol import Within
 
 
 def within_steps(before: np.ndarray, n: int, formulas: Any, floors: np.ndarray) -> Within:
-    """Return the points within a step, and scratch for the values there, for `eig3.kernels.loops.extremes_within`.
+    """Return the sample points within a step, and scratch for the values, for `eig3.kernels.loops.extremes_within`.
 
     Parameters
     ----------
@@ -20,10 +20,10 @@ def within_steps(before: np.ndarray, n: int, formulas: Any, floors: np.ndarray) 
     n : int
         The number of degrees of freedom.
     formulas : Pair
-        Those of the method. The polynomial through the values has the degree of its order, or the next even one: a
-        smooth quantity then differs from it by a term of the order of the error of the step.
+        The formulas of the method. The polynomial through the values has the degree of the order, or the next even
+        degree: a smooth quantity then differs from it by a term of the order of the error of the step.
     floors : ndarray, shape (k,)
-        For each quantity: changes within a step of at most this part of a value are not looked at.
+        For each quantity: smaller relative changes within a step are ignored.
     """
     degree = formulas.order + formulas.order % 2
     shapes = (degree + 2, len(before)), (degree + 2,), (degree + 1,), (2, n), (2 * formulas.terms, n)

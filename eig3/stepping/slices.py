@@ -1,7 +1,7 @@
-"""Slices: how many steps a kernel takes before it is asked whether to stop.
+"""Slices: the number of steps in a call of a kernel.
 
-A kernel cannot be stopped, and Python calls the handler of Ctrl-C only after it has returned. So a run calls it for one
-slice of steps after the other.
+A kernel cannot be interrupted, and Python calls the handler of Ctrl-C only after it has returned. So a run calls it for
+slices of steps.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ if sys.platform == "linux":
 _SECONDS = 5e-4  # duration of a slice; steps may become much slower at any time
 _GROWTH = 16  # largest factor from the steps of one slice to the steps of the next
 _FIRST_SECONDS = 3e-5  # the time per step may be known from a run with other parameters
-_WAITING = 10  # least duration of a slice as a multiple of the time for which it waits for the interpreter,
+_WAITING = 10  # least ratio of the duration of a slice to the time for which it waits for the interpreter,
 _LONGEST = 0.05  # up to this duration, because longer slices are interrupted more often by other processes
-_LAST = 9  # slices whose median wait counts: the threads of an ensemble wait for each other now and then
-_SLOW_STEP = 0.01  # seconds of a step from which on a slice does not last for a whole turn
+_LAST = 9  # slices for the median wait, because the threads of an ensemble sometimes wait for each other
+_SLOW_STEP = 0.01  # with longer steps, s, a slice need not last for a whole turn
 
 
 def _number_of_waits() -> float:
-    """Return how often this thread has waited for something, such as the interpreter, and not for a processor."""
+    """Return the number of times that this thread has waited, such as for the interpreter, but not for a processor."""
     if sys.platform == "linux":
         return resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw
-    return math.nan  # unknown: it differs from each number, also from itself
+    return math.nan  # unknown: NaN differs from each number, including itself
 
 
 class Slices:
-    """The number of steps of a slice, which follows from the time of the last one.
+    """The number of steps of a slice, from the time of the last slice.
 
     Parameters
     ----------
     pace : float or None
         Seconds per step of an earlier run; None if there was none.
     turn : int
-        Slices of so many steps, or a multiple of them, take less time than others.
+        Slices of a multiple of this number of steps take less time than others.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Slices:
     def __init__(self, pace: float | None, turn: int = 1) -> None:
         self.steps = max(1, int(_FIRST_SECONDS / pace)) if pace else 1
         self._turn, self._waits = turn, math.nan
-        self._waited = _LAST * (0.0,)  # for how long each of the last slices has waited
+        self._waited = _LAST * (0.0,)  # the wait of each of the last slices
 
     def begin(self, left: int) -> tuple[int, float, float]:
         """Begin the next slice of a call that has `left` steps left; return its steps and two times for `end`."""
@@ -62,10 +62,10 @@ class Slices:
     def end(self, done: int, begin: float, busy_at_begin: float) -> float:
         """End a slice in which `done` steps were taken, and return its duration in seconds.
 
-        The steps of the next slice follow from the time in which this one was computed.
+        The number of steps of the next slice depends on the computing time of this slice.
         """
         seconds = time.perf_counter() - begin
-        if busy_at_begin:  # the last slice of a call is followed by other work
+        if busy_at_begin:  # other work follows the last slice of a call
             busy = time.thread_time() - busy_at_begin
             self._waited = *self._waited[1:], self._wait_in(seconds - busy)
             wanted = max(_SECONDS, min(_LONGEST, _WAITING * sorted(self._waited)[_LAST // 2]))
@@ -76,10 +76,10 @@ class Slices:
         return copy.copy(self)
 
     def _wait_in(self, idle: float) -> float:
-        """Return for how long a slice that was idle for some time waited for the interpreter.
+        """Return the part of the idle time of a slice for which it waited for the interpreter.
 
-        Another thread may have kept the interpreter, and slices must be long in comparison. They need not be long where
-        another process had the processor.
+        If another thread holds the interpreter, slices must be long compared with the wait. If another process has the
+        processor, they need not be long.
         """
         if idle < _SECONDS / _WAITING:
             return idle

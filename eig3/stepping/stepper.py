@@ -35,9 +35,9 @@ from .system import Kernel, System
 
 _SMALL = 1e100  # an acceleration with which no past value overflows
 _FLOAT64 = np.dtype(np.float64)
-# At the end of a slice, a kernel moves values between rows, which takes about as long as a step of a large system.
-# There is nothing to move after a multiple of the steps in which the rows rotate.
-_LARGE = 1000  # degrees of freedom from which on slices are such multiples
+# At the end of a slice, a kernel moves values between rows, which takes about as long as a step of a large system. #
+# After a multiple of the period in which the rows rotate, nothing must be moved.
+_LARGE = 1000  # least degrees of freedom for slices of such multiples
 
 
 class Stepper(March):
@@ -69,13 +69,13 @@ class Stepper(March):
     method : Method
         The requested method.
     running : Method
-        The record that takes the steps: `method` with every option "auto" decided.
+        The method of the steps: `method` with every option "auto" decided.
     changed_at : float or None
-        The time from which the fallback of `method` takes the steps, because the solve of a step did not converge.
+        The time after which the fallback of `method` is used, because the solve of a step did not converge.
     index : int
         Number of steps taken.
     failed : bool
-        Whether the solve of an implicit step failed in the last `advance`. The stepper is at the state before this
+        Whether the solve of an implicit step failed in the last `advance`. The stepper is then at the state before this
         step.
     seconds : float
         Time spent in the kernel, s, without compilation.
@@ -87,7 +87,7 @@ class Stepper(March):
     MemoryError
         If the matrix of an implicit method does not fit in memory.
     RuntimeError
-        If two threads use the stepper at the same time; it is raised by the method that the second thread calls.
+        If two threads use the stepper at the same time; raised in the second thread.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Stepper(March):
     def of(
         cls, system: System, t0: float, h: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None = None
     ) -> Stepper:
-        """Return a stepper at the start of a system, whose arguments are checked; `params` come from `guarded`."""
+        """Return a stepper at the start of a system, from checked arguments; `params` come from `guarded`."""
         self = object.__new__(cls)
         self.h = h
         a = self._begin(system, t0, u, v, params, times)
@@ -147,7 +147,7 @@ class Stepper(March):
 
     @property
     def t(self) -> float:
-        """The time reached: t0 + index h, or that of the event which ended the run."""
+        """The current time: t0 + index h, or the time of the event that ended the run."""
         return float(self.tally[TIME]) if self.is_over else self.t0 + self.index * self.h
 
     @property
@@ -171,7 +171,7 @@ class Stepper(March):
 
     @property
     def failed_degree(self) -> int:
-        """The degree of freedom in which the last failed solve met a value that is not finite."""
+        """The degree of freedom in which the last failed solve found a value that is not finite."""
         return int(self.tally[DEGREE])
 
     @property
@@ -198,7 +198,7 @@ class Stepper(March):
             Write the state after each step whose index, counted from t0, is a multiple of this. By default no state is
             written.
         u_rows, v_rows : ndarray, shape (rows,) or (rows, n), optional
-            C-contiguous arrays of float64 for the states that are written, with at least one row for each of them.
+            C-contiguous arrays of float64 for the written states, with at least one row for each state.
         cancel : threading.Event, optional
             Set it in another thread to end the call soon.
 
@@ -215,17 +215,17 @@ class Stepper(March):
 
         Notes
         -----
-        After an exception from rhs, the stepper is at its state before the call. After Ctrl-C, which raises
-        KeyboardInterrupt soon, it is at the state that it has reached.
+        After an exception in rhs, the stepper is at the state before the call. After Ctrl-C, which raises
+        KeyboardInterrupt soon, it is at the last state reached.
         """
         count, every = operator.index(count), operator.index(every)
         if count < 0 or every < 1:
             raise ValueError(f"count must not be negative and every be at least 1, not {count} and {every}.")
-        count = min(count, NEVER - 1 - self.index)  # no call takes so many steps
+        count = min(count, NEVER - 1 - self.index)  # no call takes this many steps
         needed = (self.index + count) // every - self.index // every
         u_rows, v_rows = self._check_rows(u_rows, needed), self._check_rows(v_rows, needed)
         first = self.index
-        interrupt = DeferredInterrupt()  # it is never set within an outer block, which asks `cancel` instead
+        interrupt = DeferredInterrupt()  # never set within an outer block, which uses `cancel` instead
         cancels = (interrupt,) if cancel is None else (interrupt, check_cancel(cancel))
         with interrupt, self._alone():
             self.take(count, every, 0, Rows(_NONE, _NONE, u_rows, v_rows), cancels)
@@ -258,9 +258,9 @@ class Stepper(March):
         return Steps(self.h, self.t0, self.params, self.index, count, every, row, rows[2], rows[3])
 
     def _goes_on_after(self, ended: int) -> bool:
-        """Change to the method's fallback from here on; return whether there is one.
+        """Change to the fallback of the method; return whether there is one.
 
-        A method and its fallback pass the same values from step to step.
+        A method and its fallback carry the same values from step to step.
         """
         fallback = self.method.fallback(self.n) if ended == FAILED else None
         if fallback is None or self.changed_at is not None or not math.isfinite(self.residual):
@@ -286,7 +286,7 @@ _NONE = np.empty(0)
 
 
 def _kernel(system: System, method: Method, n: int) -> Kernel:
-    """Compile the kernel of a record for n degrees of freedom, or load it."""
+    """Compile or load the kernel of a method for n degrees of freedom."""
     running = method.for_force(system.callback.reads_velocity, n)
     if system.leap:
         running = running.with_constraints()

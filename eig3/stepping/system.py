@@ -1,4 +1,4 @@
-"""What the runs of one right-hand side have in common: its functions and its kernels, compiled."""
+"""The compiled functions and kernels that the runs of one right-hand side share."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from .followed import Followed
 from .options import RunOptions
 from .team import Shares
 
-_MOST_REMEMBERED = 16  # systems of one right-hand side
+_MOST_REMEMBERED = 16  # largest number of cached systems of one right-hand side
 
 
 class Kernel(NamedTuple):
-    """A kernel for a number of degrees of freedom, with the arguments that are the same in each call.
+    """A kernel for a number of degrees of freedom, with its constant arguments.
 
     Attributes
     ----------
     running : Method
-        The record that takes the steps: the method with every option "auto" decided.
+        The method of the steps, with every option "auto" decided.
     formulas : Formulas or Pair
     rows : int
         Number of rows of the state.
@@ -37,7 +37,7 @@ class Kernel(NamedTuple):
     callbacks : tuple
     settings : ndarray
     pace_key : tuple
-        Its key in `System.pace`.
+        The key of the kernel in `System.pace`.
     """
 
     running: Method
@@ -57,8 +57,7 @@ class System:
     rhs : jitted function
     form : Form
     options : RunOptions
-        Of these, a system has the method, the events, functions, labels and quadratures, and whether there are wanted
-        times and whether the loop is compiled with rhs inside.
+        A system uses the method, events, functions, labels and quadratures, whether t_eval is given, and inline.
 
     Attributes
     ----------
@@ -67,30 +66,31 @@ class System:
     callback : Callback
         The compiled right-hand side.
     shares : Shares or None
-        What the threads of a run share of it.
+        The work that the threads of a run share.
     event_callbacks : list of (Callback, Callback or None)
         For each event, g and apply.
     event_table : ndarray, shape (k, 4)
-        What a kernel needs of the events; see `eig3.kernels.protocol.Watch`.
+        The table of events for a kernel; see `eig3.kernels.protocol.Watch`.
     history : list of Callback or None
         The functions of the history of the right-hand side, if it has one.
     leap : int or None
-        The address of the step of EIG-3 with the constraints of the right-hand side, if it has some.
+        The address of the step of EIG-3 with the constraints of the right-hand side, if it has constraints.
     followed : Followed
         The quantities, compiled.
     looks : int
-        What kernels look for: 0, or one of `FOLLOWS` and `SEARCHES` of `eig3.kernels.protocol`.
+        The observation in kernels: 0, or `FOLLOWS` or `SEARCHES` of `eig3.kernels.protocol`.
     tally_size : int
         Number of entries of the tally of a run.
     pace : dict
-        Measured seconds per step, by `Kernel.pace_key`. Those of a system that looks are its own: quantities take time.
+        Measured seconds per step, by `Kernel.pace_key`. A system with an observer has a separate dict, because
+        quantities take time.
     ignores_velocity : bool
         Whether the method is valid only for a force that does not depend on the velocity.
     last_sizes : dict
-        By the relative tolerance: the steps of the last run, and the rows that the next one may need.
+        By the relative tolerance: the steps of the last run, and the rows that the next run may need.
     kernels : dict
-        The kernels that were compiled so far: by the number of degrees of freedom for the method, and by this number
-        and a record for others that take its steps.
+        The kernels compiled so far: by the number of degrees of freedom for the method, and by this number and a method
+        for its fallbacks.
 
     Raises
     ------
@@ -144,16 +144,16 @@ class System:
 
     @property
     def is_present(self) -> bool:
-        """Whether no function was compiled anew since, and each value that was compiled into one is the same."""
+        """Whether no function was recompiled since, and all values that were compiled into functions are unchanged."""
         return all(check_callback(*arguments) is callback for arguments, callback in self._checked)
 
 
 def remembered(rhs: Any, form: Form, options: RunOptions) -> System:
-    """Return a system, which is the same in each call with the same functions and options.
+    """Return a system, which is the same object in each call with the same functions and options.
 
-    The systems of runs with tolerances are others than those of runs with a fixed step, because their kernels are. A
-    right-hand side itself has its systems, so that they are forgotten with it. A function that was compiled anew, or
-    whose captured values have changed, makes another system.
+    Runs with tolerances and runs with a fixed step have different systems, because their kernels differ. The right-hand
+    side holds its systems, which are freed with it. A function that was recompiled, or whose captured values have
+    changed, needs another system.
     """
     invariants, outputs, every = options.functions
     functions = (tuple(part.items()) for part in (options.events, invariants, outputs))
@@ -162,7 +162,7 @@ def remembered(rhs: Any, form: Form, options: RunOptions) -> System:
     try:
         systems = vars(rhs).setdefault("_eig3_systems", {})
         known = systems.get(key)
-    except TypeError:  # rhs is no jitted function, or an option cannot be a key
+    except TypeError:  # rhs is not a jitted function, or an option cannot be a key
         return System(rhs, form, options)
     if known is None or not known.is_present:
         while len(systems) >= _MOST_REMEMBERED:

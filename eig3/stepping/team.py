@@ -15,19 +15,19 @@ from ..kernels.compile.numba_internals import address_of
 from ..kernels.neighbours import MOST_PARTS
 from ..kernels.team import BOARD, LEAVE, SELF, SHARE, WANTED, new_board, serve
 
-_WORTH = 100_000  # points times steps, from which on the threads are worth their start, some tenths of a millisecond
-_PAUSE = 5e-5  # s between looks of a thread that has waited for long
+_WORTH = 100_000  # least points times steps for threads, whose start takes some tenths of a millisecond
+_PAUSE = 5e-5  # s between checks of a thread that has waited for long
 
-_others = threading.Lock()  # whoever has it has the other cores
+_others = threading.Lock()  # its holder uses the other cores
 
 
 class Shares(NamedTuple):
-    """What the threads share of a right-hand side.
+    """The work of a right-hand side that threads share.
 
     Attributes
     ----------
     function : jitted function
-        It does a part: see `eig3.kernels.team.SHARE`.
+        The function that does a part: see `eig3.kernels.team.SHARE`.
     place : int
         The place of the team in p.
     size : int
@@ -54,7 +54,8 @@ def alone() -> Iterator[None]:
 def team(shares: Shares, params: np.ndarray, steps: int) -> Iterator[None]:
     """A block in which threads share the evaluations of a right-hand side with these parameters, if it pays.
 
-    No bit of the results depends on them. If another run of this process has the other cores, this one runs alone.
+    The results are bitwise the same without threads. If another run of this process uses the other cores, this run has
+    one thread.
     """
     if steps * shares.size < _WORTH:
         yield
@@ -69,7 +70,7 @@ def team(shares: Shares, params: np.ndarray, steps: int) -> Iterator[None]:
     threads = [threading.Thread(target=_serve, args=(*serving, board, leave), daemon=True) for _ in range(count - 1)]
     try:
         for thread in threads:
-            with suppress(RuntimeError):  # the system has no more threads, and the run needs none
+            with suppress(RuntimeError):  # the system has no more threads; the run works without them
                 thread.start()
         place[BOARD], place[SELF] = board.ctypes.data, params.ctypes.data
         yield

@@ -11,24 +11,24 @@ from numpy.typing import ArrayLike
 from ..functions.checks import check_count, check_method, reals, shown
 from ..methods import METHODS, RK5, RK8, RKN12, Method
 
-LEAST_RTOL = 100 * float(np.finfo(np.float64).eps)  # below it, round-off decides about the steps
+LEAST_RTOL = 100 * float(np.finfo(np.float64).eps)  # below it, round-off controls the steps
 _RK8_FROM = 1e-4  # RK8 takes less time than RK5 if rtol is smaller than this
-_RKN12_FROM = 1e-6  # for errors up to this, RKN12 takes less time than RK8; for the same rtol it may take more
+_RKN12_FROM = 1e-6  # up to this error, RKN12 takes less time than RK8; for the same rtol it may take more
 
 
 class Tolerances(NamedTuple):
-    """What the steps of a run follow from.
+    """The tolerances and limits that determine the steps of a run.
 
     Attributes
     ----------
     rtol : float
         The tolerance relative to the size of u and of v.
     atol : ndarray, shape (2, n)
-        The absolute tolerances of u and of v. Before `of`, they have the shape in which they were given.
+        The absolute tolerances of u and of v. Before `of`, they have the shape given by the user.
     is_relative : bool
-        Whether `rtol` is relative to the largest value so far of each degree of freedom, and not to the value itself.
+        Whether `rtol` is relative to the largest value so far of each degree of freedom, and not to the current value.
     h_first : float
-        The first step; 0.0 to find it.
+        The first step; 0.0 for an automatic first step.
     h_max : float
         The longest step.
     max_steps : int
@@ -45,7 +45,7 @@ class Tolerances(NamedTuple):
     def of(self, n: int, n_quadratures: int = 0) -> Tolerances:
         """Return the tolerances of a run with n degrees of freedom, and with quadratures over time after them.
 
-        Integrals do not act on the motion: they do not decide about the steps.
+        Quadratures do not affect the motion, and do not control the steps.
         """
         plain = self.is_relative and not n_quadratures
         return self._replace(atol=np.zeros((2, n)) if plain else _absolute(self.atol, n, n_quadratures))
@@ -88,19 +88,19 @@ def _absolute(atol: np.ndarray, n: int, n_quadratures: int) -> np.ndarray:
 
 
 def usual_method(rtol: float, reads_velocity: bool) -> Method:
-    """Return the method that suits a tolerance, and a right-hand side that reads the velocity or does not."""
+    """Return the default method for a tolerance, and for a right-hand side that reads the velocity or not."""
     if rtol <= _RKN12_FROM and not reads_velocity:
         return RKN12()
     return RK8() if rtol < _RK8_FROM else RK5()
 
 
 def check_variable(method: str | Method) -> Method:
-    """Return the record of a method that has steps of variable length."""
+    """Return a method with steps of variable length."""
     record = check_method(method, has_tolerances=True)
     if record.variable:
         return record
     if record.name == "eig3":
-        raise ValueError("method must be EIG3() with tolerances: alpha and beta follow from the steps.")
+        raise ValueError("method must be EIG3() with tolerances: alpha and beta depend on the steps.")
     known = ", ".join(repr(name) for name, other in METHODS.items() if getattr(other(), "variable", ""))
     raise ValueError(f"method must be one of {known} with tolerances, not {record!r}; the others need h.")
 

@@ -33,12 +33,12 @@ from .march import March, Rows
 from .system import Kernel, System
 from .tolerances import Tolerances
 
-_STANDING = 1e-12  # a motion of this part of the largest one is round-off
+_STANDING = 1e-12  # a smaller motion, relative to the largest motion, is round-off
 _NONE = np.empty(0)
 
 
 class VariableStepper(March):
-    """Advance u'' = f(t, u, v) with steps that follow from tolerances.
+    """Advance u'' = f(t, u, v) with tolerances.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class VariableStepper(March):
         From `guarded`.
     tolerances : Tolerances
     times : ndarray or None
-        The times at which the state is wanted.
+        The times of t_eval.
 
 
     Attributes
@@ -62,7 +62,7 @@ class VariableStepper(March):
     n_iterations = 0
     notes: tuple[str, ...] = ()
     rows_before_end: int | None = None
-    _before_end: dict[str, Any] | None = None  # what `kept` returned before the last step
+    _before_end: dict[str, Any] | None = None  # the return value of `kept` before the last step
 
     def __init__(
         self,
@@ -116,17 +116,17 @@ class VariableStepper(March):
 
     @property
     def follows_span(self) -> bool:
-        """Whether a run to another end would have taken other steps, not only another last one."""
+        """Whether a run to another end would have taken other steps, not only another last step."""
         return self.tally[BY_SPAN] != 0
 
     @property
     def silence(self) -> tuple[float, float]:
-        """The longest step in which no force acted though rhs reads t, or 0, and the time of its end."""
+        """The longest step in which no force acted although rhs reads t, or 0, and the time of its end."""
         return float(self.tally[SILENT_STEP]), float(self.tally[SILENT_END])
 
     @property
     def tiny(self) -> np.ndarray:
-        """The degrees of freedom that move, but by less than ten times the error that a step may have."""
+        """The degrees of freedom that move, but by less than ten times the allowed error of a step."""
         rtol, largest, sizes = self.tolerances.rtol, self.tally[U_SIZE], self.state[U_MOST]  # zeros with atol
         tolerance = rtol * least_size(rtol) * largest
         return np.flatnonzero((sizes > _STANDING * largest) & (sizes < 10 * tolerance))
@@ -135,7 +135,7 @@ class VariableStepper(March):
     def states_between(self) -> Any:
         """A function that returns u and v at some times, from a history with the states after all steps.
 
-        It is None for a pair without a continuous extension, and for a right-hand side with a history.
+        It is None for a method without a continuous extension, and for a right-hand side with a history.
         """
         if not self.kernel.formulas.dense_evaluations or self.system.history:
             return None
@@ -164,11 +164,11 @@ class VariableStepper(March):
         return not len(rows.t) or row + 2 <= len(rows.t)
 
     def shorten(self, rows: int) -> None:
-        """Let the next step end at the end of the span, and keep the state before it and the number of rows so far."""
+        """Shorten the next step to the end of the span, and keep the state before it and the number of rows so far."""
         self._before_end, self.rows_before_end = self.kept(), rows
 
     def before_end(self) -> VariableStepper:
-        """Return an independent stepper where a run to a later end goes on: before the last step if that has begun."""
+        """Return an independent stepper from which a run to a later end continues: before a shortened last step."""
         other = self.fork()
         if self._before_end:
             other.restore(self._before_end)
@@ -182,7 +182,7 @@ class VariableStepper(March):
 
 
 def _kernel(system: System, module: str, n: int) -> Kernel:
-    """Compile the kernel of a method for n degrees of freedom, or load it."""
+    """Compile or load the kernel of a method for n degrees of freedom."""
     formulas = variable_formulas(module)
     form, looks = system.form, system.looks
     if system.inline:

@@ -1,4 +1,4 @@
-"""Corotational members in the plane: large displacements and rotations, with small strains in the members' own frames.
+"""Corotational members in the plane: large displacements and rotations, with small strains in the member frame.
 
 See Crisfield, Non-linear Finite Element Analysis of Solids and Structures, volume 1, section 7.2.
 """
@@ -17,14 +17,14 @@ from .members import DIRECTIONS, Member
 
 
 def chords(names: Sequence[str], members: Sequence[tuple[str, str, Member]]) -> dict[str, np.ndarray]:
-    """Return the parameters of corotational members in the plane, or those that members in space have too.
+    """Return the parameters of corotational members in the plane, or the parameters that members in space share.
 
     Parameters
     ----------
     names : sequence of str
-        Those of all degrees of freedom.
+        The names of all degrees of freedom.
     members : sequence of (start, end, Member)
-        The names of its nodes, and the member.
+        The names of the nodes, and the member.
 
     Returns
     -------
@@ -60,13 +60,13 @@ def _turned(angle: Any) -> Any:
 
 @element
 def _deformed(u: Any, p: Any, m: Any) -> Any:
-    """Return the direction and the length of a chord, the lengthening, and the rotations of the ends against it."""
+    """Return the direction and the length of a chord, the elongation, and the rotations of the ends relative to it."""
     x, y = p.chords[m, 0], p.chords[m, 1]
     ends = p.ends[m]
     dx = x + entry(u, ends[3]) - entry(u, ends[0])
     dy = y + entry(u, ends[4]) - entry(u, ends[1])
     length, rest = sqrt(dx * dx + dy * dy), sqrt(x * x + y * y)
-    angle = atan2(x * dy - y * dx, x * dx + y * dy)  # by which the chord has turned
+    angle = atan2(x * dy - y * dx, x * dx + y * dy)  # rotation of the chord
     longer = ((dx - x) * (dx + x) + (dy - y) * (dy + y)) / (length + rest)
     turns = _turned(entry(u, ends[2]) - angle), _turned(entry(u, ends[5]) - angle)
     return dx / length, dy / length, length, longer, turns[0], turns[1]
@@ -74,7 +74,7 @@ def _deformed(u: Any, p: Any, m: Any) -> Any:
 
 @jit
 def turning_members(t, u, v, p, out):  # type: ignore[no-untyped-def]
-    """Add the forces of the members to those on the nodes."""
+    """Add the forces of the members to the forces on the nodes."""
     for m in range(p.ends.shape[0]):
         c, s, length, longer, turn_0, turn_1 = _deformed(u, p, m)
         k, ends = p.stiffness[m], p.ends[m]
@@ -90,7 +90,7 @@ def turning_members(t, u, v, p, out):  # type: ignore[no-untyped-def]
 
 @jit
 def energy_of_members(t, u, v, p):  # type: ignore[no-untyped-def]
-    """Return the kinetic energy and that of the members."""
+    """Return the kinetic energy plus the strain energy of the members."""
     energy = 0.0
     for i in range(p.size):
         energy += 0.5 * p.m[i] * v[i] * v[i]

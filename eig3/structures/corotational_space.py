@@ -1,11 +1,11 @@
-"""Corotational members in space: large displacements and rotations, with small strains in the members' own frames.
+"""Corotational members in space: large displacements and rotations, with small strains in the member frame.
 
 The forces are the exact gradient of a strain energy. It depends on the length of the chord, and on scalar products of
-its direction e and of the axes x, y, z of the member, which turn with each of its ends, a and b. An end bends about y
-and z by the angles phi z.e / sin(phi) and -phi y.e / sin(phi), the parts of the rotation vector from e to x, with the
-angle phi between them. The twist is that of the rotation from a to b, 2 atan2(q_1, q_0) by its quaternion q. See
-Crisfield, Non-linear Finite Element Analysis of Solids and Structures, volume 2, chapters 16 (rotations) and 17
-(members). A hinge passes torsion on, as a joint of constant velocity.
+its direction e and of the axes x, y, z of the member at each of its ends, a and b. An end bends about y and z by the
+angles phi z.e / sin(phi) and -phi y.e / sin(phi), the components of the rotation vector from e to x, with the angle phi
+between them. The twist is 2 atan2(q_1, q_0), from the quaternion q of the rotation from a to b. See Crisfield,
+Non-linear Finite Element Analysis of Solids and Structures, volume 2, chapters 16 (rotations) and 17 (members). A hinge
+transmits torsion, as a constant-velocity joint.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..kernels.compile.jit import element
 from .corotational import chords, entry
 from .members import Member
 
-_SMALL = 1e-4  # squares of angles below it have series, whose next terms are below the rounding errors
+_SMALL = 1e-4  # below this square of an angle, series are exact to round-off
 
 
 def chords_in_space(names: Sequence[str], members: Sequence[tuple[str, str, Member]]) -> dict[str, np.ndarray]:
@@ -31,13 +31,13 @@ def chords_in_space(names: Sequence[str], members: Sequence[tuple[str, str, Memb
     Returns
     -------
     dict
-        Those of `chords`; `axes`, shape (members, 9): the members' own at rest; `rotations`: the degree of freedom rx
-        of each node that can turn, before its ry and rz.
+        The parameters of `chords`; `axes`, shape (members, 9): the axes of the members at rest; `rotations`: the degree
+        of freedom rx of each node that can rotate, before its ry and rz.
 
     Raises
     ------
     ValueError
-        If some rotations of a node are fixed, and others free.
+        If only some rotations of a node are fixed.
     """
     for node, count in Counter(name.rpartition(".")[0] for name in names if ".r" in name).items():
         if count < 3:
@@ -96,7 +96,7 @@ def _series(square: Any) -> Any:
 
 @element
 def _turned(turn: Any, axes: Any, k: Any) -> Any:
-    """Return the axis k, turned by a rotation vector: Rodrigues' formula."""
+    """Return the axis k, rotated by a rotation vector with Rodrigues' formula."""
     square = _dot(turn, turn)
     a, b, _, _ = _series(square)
     axis = axes[3 * k], axes[3 * k + 1], axes[3 * k + 2]
@@ -118,7 +118,7 @@ def _bent(chord: Any, x: Any, y: Any, z: Any) -> Any:
 
 @element
 def _by_chord(moment_y: Any, moment_z: Any, bent: Any, x: Any, y: Any, z: Any) -> Any:
-    """Return the derivative of the energy of an end by the direction of the chord."""
+    """Return the derivative of the energy of an end with respect to the direction of the chord."""
     angle_y, angle_z, factor, slope = bent
     by_cosine = slope * (moment_y * angle_y + moment_z * angle_z) / factor
     return _sum(by_cosine, x, factor, _sum(moment_y, z, -moment_z, y))
@@ -126,13 +126,13 @@ def _by_chord(moment_y: Any, moment_z: Any, bent: Any, x: Any, y: Any, z: Any) -
 
 @element
 def _twist(y_a: Any, z_a: Any, y_b: Any, z_b: Any) -> Any:
-    """Return the sine and the cosine of the twist, times the same factor."""
+    """Return the sine and the cosine of the twist, times a common factor."""
     return _dot(z_a, y_b) - _dot(y_a, z_b), _dot(y_a, y_b) + _dot(z_a, z_b)
 
 
 @element
 def _torque(stiffness: Any, y_a: Any, z_a: Any, y_b: Any, z_b: Any) -> Any:
-    """Return the derivative of the energy of torsion by a rotation of b."""
+    """Return the derivative of the torsional energy with respect to a rotation of b."""
     if stiffness == 0:
         return 0.0, 0.0, 0.0
     s, c = _twist(y_a, z_a, y_b, z_b)
@@ -142,7 +142,7 @@ def _torque(stiffness: Any, y_a: Any, z_a: Any, y_b: Any, z_b: Any) -> Any:
 
 @element
 def _deformed(u: Any, p: Any, m: Any) -> Any:
-    """Return the chord's direction and length, the lengthening, and for each end the axes and the bending."""
+    """Return the chord's direction and length, the elongation, and for each end the axes and the bending angles."""
     rest, ends = (p.chords[m, 0], p.chords[m, 1], p.chords[m, 2]), p.ends[m]
     move = _sum(1.0, _three(u, ends, 6), -1.0, _three(u, ends, 0))
     now = _sum(1.0, rest, 1.0, move)
@@ -179,7 +179,7 @@ def _of_rotation_vector(u: Any, v: Any, i: Any, inertia: Any, out: Any) -> Any:
     """Replace the moments on a node by its inertia times the second derivative of its rotation vector.
 
     The angular velocity is T turn' with T w = w + a turn x w + b turn x (turn x w), and its derivative is
-    moment / inertia = T turn'' + T' turn'. T has no inverse where the angle is 2 pi, as a is 0 there: NaN ends the run.
+    moment / inertia = T turn'' + T' turn'. At the angle 2 pi, a is 0 and T is singular: NaN ends the run.
     """
     turn, rate, moment = (u[i], u[i + 1], u[i + 2]), (v[i], v[i + 1], v[i + 2]), (out[i], out[i + 1], out[i + 2])
     square, along = _dot(turn, turn), _dot(turn, rate)
@@ -195,7 +195,7 @@ def _of_rotation_vector(u: Any, v: Any, i: Any, inertia: Any, out: Any) -> Any:
 
 @jit
 def turning_members_in_space(t, u, v, p, out):  # type: ignore[no-untyped-def]
-    """Add the forces of the members to those on the nodes, and write the moments for the rotation vectors."""
+    """Add the forces of the members to the forces on the nodes, and write the moments for the rotation vectors."""
     for m in range(p.ends.shape[0]):
         _pull(u, p, m, out)
     for i in p.rotations:

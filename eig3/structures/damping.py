@@ -1,4 +1,4 @@
-"""Damping of a structure by a few numbers in place of a matrix."""
+"""Damping of a structure without a matrix: Rayleigh and modal damping."""
 
 from __future__ import annotations
 
@@ -13,22 +13,21 @@ from numpy.typing import ArrayLike
 from ..functions.checks import check_count, reals
 from .matrices import Mass
 
-_ALL = 0.5  # part of the modes from which on all of them are computed by full matrices
-_SHIFT = 1e-9  # of the largest square of a frequency
-_FULL = 500  # degrees of freedom of full matrices
+_ALL = 0.5  # with a larger share of the modes, all modes are computed by full matrices
+_SHIFT = 1e-9  # relative to the largest square of a frequency
+_FULL = 500  # up to this number of degrees of freedom, full matrices are used
 
 
 @dataclass(frozen=True)
 class Rayleigh:
     """Damping C = a M + b K with given ratios at two frequencies.
 
-    The damping ratio of a mode is a / (2 omega) + b omega / 2: it is less between the two frequencies, and more beyond
-    them.
+    The damping ratio of a mode is a / (2 omega) + b omega / 2: lower between the two frequencies, and higher outside.
 
     Parameters
     ----------
     xi : float or (float, float)
-        The damping ratio at both frequencies, or at each of them.
+        The damping ratio at both frequencies, or at each frequency.
     omega1, omega2 : float
         The angular frequencies, rad/s.
 
@@ -65,19 +64,19 @@ class Rayleigh:
 
 @dataclass(frozen=True, eq=False)
 class Modal:
-    """Damping of the lowest modes, each with its ratio; the others are not damped.
+    """Damping of the lowest modes with given ratios; the other modes are undamped.
 
     Parameters
     ----------
     xi : float or array_like, shape (k,)
-        The damping ratio of all these modes, or of each.
+        The damping ratio of these modes, or of each mode.
     modes : int
         The number k of modes.
 
     Raises
     ------
     TypeError, ValueError
-        If a ratio is negative, or the numbers do not fit.
+        If a ratio is negative, or the numbers do not match.
 
     Notes
     -----
@@ -104,7 +103,7 @@ class Modal:
 
 
 def natural_modes(mass: Mass, K: Any, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest angular frequencies, rad/s, and the modes, shape (n, k), with M as their unit matrix.
+    """Return the lowest angular frequencies, rad/s, and the modes, shape (n, k), normalised with M.
 
     Raises
     ------
@@ -117,7 +116,7 @@ def natural_modes(mass: Mass, K: Any, count: int) -> tuple[np.ndarray, np.ndarra
     if n <= _FULL or count > _ALL * n:
         squares, shapes = scipy.linalg.eigh(K.toarray(), mass.matrix.toarray(), subset_by_index=(0, count - 1))
     else:
-        shift = -_SHIFT * K.diagonal().max() / mass.matrix.diagonal().max()  # also K of a free structure has an inverse
+        shift = -_SHIFT * K.diagonal().max() / mass.matrix.diagonal().max()  # K of a free structure is singular
         squares, shapes = scipy.sparse.linalg.eigsh(K, count, mass.matrix, sigma=shift)
         order = np.argsort(squares)
         squares, shapes = squares[order], shapes[:, order]

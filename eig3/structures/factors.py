@@ -1,7 +1,7 @@
-"""The factors of a consistent mass, and the compiled solution of systems with them.
+"""The factors of a consistent mass matrix, and compiled solves with them.
 
-Neighbouring columns of a factor have entries in nearly the same rows. Some of them are a panel, whose entries that are
-zero are kept too: a solution then reads the number of a row, and its value, once for the panel.
+Neighbouring columns of a factor have nonzeros in nearly the same rows. They form panels, which also store zeros: a
+solve then reads the index of a row, and its value, once for the panel.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from ..kernels.compile.jit import element
 from ..kernels.compile.source import Writer, define
 from .products import EDGES
 
-_SAME = 1e-14  # part of the largest entry by which the masses of two directions may differ
+_SAME = 1e-14  # largest relative difference of the masses of two directions
 _WIDTHS = 4, 3, 2, 1  # of panels
-_FILLED = 1.5  # times the entries, with the zeros in a panel
+_FILLED = 1.5  # largest ratio of stored entries to nonzeros in a panel
 
 
 class Factors(NamedTuple):
@@ -32,11 +32,12 @@ class Factors(NamedTuple):
     order : ndarray of int, shape (n,)
         The degrees of freedom in the order of elimination.
     panels : ndarray of int, shape (panels + 1, 3)
-        Where the columns, the rows and the values of each panel begin.
+        The begins of the columns, the rows and the values of each panel.
     rows : ndarray of int
         The degrees of freedom below each panel.
     values : ndarray
-        The entries of L below the diagonal: in each panel first those of its own rows, and then those of each row.
+        The entries of L below the diagonal: in each panel first the entries of the diagonal block, then of each row
+        below.
     inverse : ndarray, shape (n,)
         1 / D.
     """
@@ -49,15 +50,15 @@ class Factors(NamedTuple):
 
 
 def copies_in(mass: Any) -> int:
-    """Return the number of directions that a mass does not mix, and that have the same mass, or 1.
+    """Return the number of uncoupled directions with the same mass, or 1.
 
-    Their degrees of freedom take turns: the mass is the Kronecker product of that of one direction and a unit matrix.
+    Their degrees of freedom alternate: the mass is the Kronecker product of one direction's mass and a unit matrix.
     """
     return next(count for count in EDGES if _has_copies(mass, count))
 
 
 def factors(mass: Any) -> Factors:
-    """Return the factors of a sparse mass, which SciPy computes.
+    """Return the factors of a sparse mass, computed by SciPy.
 
     Raises
     ------
@@ -67,7 +68,7 @@ def factors(mass: Any) -> Factors:
     options = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
     try:
         lu = scipy.sparse.linalg.splu(mass.tocsc(), **options)
-    except RuntimeError:  # it is exactly singular
+    except RuntimeError:  # exactly singular
         raise _not_definite() from None
     pivots = lu.U.diagonal()
     if not (np.array_equal(lu.perm_r, lu.perm_c) and (pivots > 0).all() and np.isfinite(pivots).all()):
@@ -79,9 +80,9 @@ def factors(mass: Any) -> Factors:
 
 @functools.cache
 def solution(copies: int) -> Any:
-    """Return the compiled solution in place of L D L^T x = b for some vectors, whose entries take turns in x.
+    """Return the compiled in-place solve of L D L^T x = b for several vectors, whose entries alternate in x.
 
-    It takes `Factors` one by one, and x.
+    Its arguments are the fields of `Factors`, and x.
     """
     out = Writer()
     with out.block("def solution(order, panels, rows, values, inverse, x)"):
@@ -97,7 +98,7 @@ def solution(copies: int) -> Any:
 
 
 def _forward(out: Writer, width: int, copies: int) -> None:
-    """Take the columns of a panel away from the later rows."""
+    """Subtract the columns of a panel from the later rows."""
     own = [(k, c) for k in range(width) for c in range(copies)]
     out.line(*(f"x_{k}_{c} = x[i_{k} + unsigned({c})]" for k, c in own))
     out.line(*(f"x_{i}_{c} -= values[first + unsigned({_place(i, k)})] * x_{k}_{c}" for i, c in own for k in range(i)))
@@ -109,7 +110,7 @@ def _forward(out: Writer, width: int, copies: int) -> None:
 
 
 def _backward(out: Writer, width: int, copies: int) -> None:
-    """Take the later rows away from those of a panel."""
+    """Subtract the later rows from the rows of a panel."""
     own = [(k, c) for k in range(width) for c in range(copies)]
     out.line(*(f"x_{k}_{c} = x[i_{k} + unsigned({c})] * inverse[j + {k}]" for k, c in own))
     with _below(out, width, copies):
@@ -131,12 +132,12 @@ def _below(out: Writer, width: int, copies: int) -> Iterator[None]:
 
 
 def _place(i: int, k: int) -> int:
-    """Return the place of row i and column k among the values of a panel's own rows."""
+    """Return the place of row i and column k in the values of the diagonal block of a panel."""
     return i * (i - 1) // 2 + k
 
 
 def _in_panels(L: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the panels, rows and values of a triangle without its diagonal, in compressed columns."""
+    """Return the panels, rows and values of a strict triangle in compressed columns."""
     begins, rows, values = [(0, 0, 0)], [], []
     while begins[-1][0] < L.shape[0]:
         column, row, value = begins[-1]
@@ -164,7 +165,7 @@ def _panel(L: Any, column: int) -> tuple[int, np.ndarray]:
 
 
 def _has_copies(mass: Any, count: int) -> bool:
-    """Whether a matrix is the Kronecker product of another one with the unit matrix of this size."""
+    """Whether a matrix is the Kronecker product of another matrix with the unit matrix of this size."""
     if mass.shape[0] % count:
         return False
     entries = mass.tocoo()
@@ -176,6 +177,6 @@ def _has_copies(mass: Any, count: int) -> bool:
 
 def _not_definite() -> ValueError:
     return ValueError(
-        "M must be positive definite: some motion has no mass, or a negative one; remove the degrees of freedom "
+        "M must be positive definite, but a motion has zero or negative mass: remove the degrees of freedom "
         'without mass, or lump it with lump="hrz".'
     )

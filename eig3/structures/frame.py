@@ -25,17 +25,17 @@ _TURNING: dict[int, Any] = {
     2: (turning_members, chords, energy_of_members),
     3: (turning_members_in_space, chords_in_space, energy_of_members_in_space),
 }
-_OF_LIMIT = 0.9  # of the stable step
+_OF_LIMIT = 0.9  # safety factor of the stable step
 _UNITS = {"u": "m", "r": "rad"}
-_LEAST = 1e-12  # part of the largest stiffness; a direction with less has none
+_LEAST = 1e-12  # relative to the largest stiffness; a smaller stiffness counts as zero
 
 
 @with_suggestions()
 class Frame:
     """A truss or a frame of nodes, members, masses and supports, in the plane or in space.
 
-    Degrees of freedom have the name of their node and the direction, such as ``"roof.ux"``: ux, uy and rz in the plane,
-    and ux, uy, uz, rx, ry and rz in space. Supports, and directions without stiffness and mass, have none.
+    Degrees of freedom are named by node and direction, such as ``"roof.ux"``: ux, uy and rz in the plane, and ux, uy,
+    uz, rx, ry and rz in space. Supports, and directions without stiffness and mass, have no degree of freedom.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Frame:
     Raises
     ------
     ValueError
-        If the dimension is another one.
+        If the dimension is not 2 or 3.
     """
 
     def __init__(self, dimension: int = 2) -> None:
@@ -63,7 +63,7 @@ class Frame:
         Raises
         ------
         TypeError, ValueError
-            If the name is taken, or the place has not `dimension` coordinates.
+            If the name is taken, or the place does not have `dimension` coordinates.
         """
         if not isinstance(name, str) or not name or "." in name:
             raise TypeError(f"the name of a node must be a text without a point, not {shown(name)}.")
@@ -90,10 +90,9 @@ class Frame:
         start, end : str
         section : Section
         releases : iterable of {"start", "end"}
-            The ends that are hinges.
+            The ends with hinges.
         up : sequence of float, shape (3,)
-            In space: a direction in the plane in which the section bends with I. For a member along it, x takes its
-            place.
+            In space: a direction in the plane in which the section bends with I. A member along `up` uses x instead.
 
         Raises
         ------
@@ -151,14 +150,14 @@ class Frame:
         return self._assembled()[1:]
 
     def highest_frequency(self) -> float:
-        """Return a bound of the angular frequencies, rad/s: the highest one of a member with its part of the masses.
+        """Return a bound of the angular frequencies, rad/s: the highest frequency of a single member with its masses.
 
-        By Rayleigh's theorem no frequency of the frame is higher (Irons, 1970). The nodes' masses are left out.
+        By Rayleigh's theorem no frequency of the frame is higher (Irons, 1970). The masses of nodes are left out.
 
         Raises
         ------
         ValueError
-            If a member has stiffness in a direction without mass of its own.
+            If a member has stiffness in a direction in which it has no mass.
         """
         largest = 0.0
         for _, _, member in self._members:
@@ -189,19 +188,19 @@ class Frame:
         ground : tuple
             The times, s, and the accelerations, m/s^2, of the ground.
         direction : str
-            The direction of the ground's motion.
+            The direction of the ground motion.
         corotational : bool
-            Let members turn and move as far as they do, with small strains of their own. Otherwise the motion is small,
-            and the frame linear. In space, rx, ry and rz of a node are then its rotation vector, whose rates, as in
-            `v0`, are the angular velocity for small rotations only. A run ends where a node has turned by 2 pi.
+            Allow large displacements and rotations of the members, with small strains. By default the frame is linear.
+            In space, rx, ry and rz of a node are then its rotation vector; its rates, as in `v0`, equal the angular
+            velocity only for small rotations. A run ends where a node has rotated by 2 pi.
         **options
-            The others of `eig3.linear`, such as `damping`, `force`, `u0` and `work`.
+            The other options of `eig3.linear`, such as `damping`, `force`, `u0` and `work`.
 
         Returns
         -------
         Problem
-            Its `view` shows the frame, and `h` is a stable step by the frequencies of the members. Its energy is
-            constant without a motion of the ground and without damping.
+            Its `view` shows the frame, and `h` is a stable step from the frequencies of the members. Its energy is
+            constant without ground motion and damping.
 
         Raises
         ------
@@ -233,7 +232,7 @@ class Frame:
         return problem.with_(name="frame", view=self._view(names, 1.0), h=h)
 
     def _stable_step(self, damping: Any) -> float | None:
-        """Return a step with which EIG-3 is stable, by the members' frequencies, or None if they are not known."""
+        """Return a stable step of EIG-3 from the frequencies of the members, or None if they are unknown."""
         try:
             omega = self.highest_frequency()
         except ValueError:
@@ -303,7 +302,7 @@ class Frame:
 
 def _moved(t: Any, u: np.ndarray, rest: np.ndarray, columns: np.ndarray, factor: float) -> np.ndarray:
     """Return the places of the nodes, shape (s, nodes, dimension)."""
-    values = np.concatenate([u, np.zeros((len(u), 1))], axis=1)  # its last column, -1, stands for fixed coordinates
+    values = np.concatenate([u, np.zeros((len(u), 1))], axis=1)  # column -1 is for fixed coordinates
     return rest + factor * values[:, columns]
 
 

@@ -1,4 +1,4 @@
-"""`linear`: a structure by its matrices."""
+"""`linear`: a structure given by its matrices."""
 
 from __future__ import annotations
 
@@ -42,45 +42,45 @@ def linear(
     threads: int = 1,
     params: Any = None,
 ) -> Problem:
-    """Return the problem M u'' + C u' + K u = f of a structure that is given by its matrices.
+    """Return the problem M u'' + C u' + K u = f of a structure given by its matrices.
 
     Parameters
     ----------
     M : array_like, shape (n,) or (n, n), or sparse
-        The masses, or a symmetric matrix. One that is not diagonal is solved in each evaluation, from factors that are
-        computed once.
+        The masses, or a symmetric matrix. A matrix that is not diagonal is factorised once and solved in each
+        evaluation.
     C, K : array_like, shape (n, n), or sparse
         Damping and stiffness. K must be symmetric; C may have a gyroscopic part.
     force : jitted function, or tuple
         ``f(t, u, v, p, out)`` adds forces to out. A table (times, forces) or (times, forces, degrees), whose forces
         have the shape (times, degrees), is linear between its times and zero outside.
     ground : tuple
-        The ground's motion (times, accelerations) or (times, accelerations, influence): u is then relative to it. The
-        acceleration is linear between the times and zero outside. The influence is 1 for a degree of freedom in the
-        direction of the motion, and 0 across it; without it, all are 1.
+        The ground motion (times, accelerations) or (times, accelerations, influence): u is then relative to the ground.
+        The acceleration is linear between the times and zero outside. The influence is 1 for a degree of freedom in the
+        direction of the motion, and 0 for a perpendicular one; by default, 1 for all.
     damping : Rayleigh or Modal
-        In addition to C.
+        Damping in addition to C.
     t_span : (float, float)
     u0, v0 : float or array_like, shape (n,)
     lump : {"row", "hrz"}, optional
         Make M diagonal: by its row sums, or by its scaled diagonal, whose masses are always positive.
     names, units : sequence of str
-        Those of the degrees of freedom.
+        The names and units of the degrees of freedom.
     work : bool
-        Let runs follow the work of forces, ground and damping, so that the energy less the work is an invariant, and
-        the energy that the damping has dissipated: ``quadratures["work"]`` and ``quadratures["dissipated"]``.
+        Integrate the work of forces, ground and damping, ``quadratures["work"]``, and the energy that the damping has
+        dissipated, ``quadratures["dissipated"]``. The energy minus the work is then an invariant.
     threads : int
-        The rows are shared between this number of threads, which changes no bit of the results. It pays from some 10^4
-        degrees of freedom on. The members of an ensemble have one thread each.
+        The number of threads that share the rows, with bitwise the same results. Threads pay from about 10^4 degrees of
+        freedom on. Each member of an ensemble has one thread.
     params : NamedTuple or dict
         Parameters that `force` reads, such as ``p.gap``.
 
     Returns
     -------
     Problem
-        Its `params` are M, C, K and the others by name. Its energy is the kinetic and the elastic one. Its exact motion
-        is known if there are no functions of force and no C, and at most 1000 degrees of freedom. Else `exact`
-        counts as false, and a call says why.
+        Its `params` are M, C, K and the others by name. Its energy is the kinetic plus the elastic energy. Its exact
+        motion is known without C and without a function `force`, for at most 1000 degrees of freedom. Otherwise `exact`
+        is false in a condition, and a call raises an error with the reason.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def linear(
 
 
 def _of_mass(mass: Mass) -> tuple[int, dict[str, Any]]:
-    """Return the number of copies in a mass, and its parameters: the matrix itself is needed for the energy."""
+    """Return the number of copies in a mass, and its parameters, including the matrix for the energy."""
     if mass.diagonal is not None:
         return 1, {"m": mass.diagonal}
     copies = copies_in(mass.matrix)
@@ -140,7 +140,7 @@ def _of_mass(mass: Mass) -> tuple[int, dict[str, Any]]:
 
 
 def _of_damping(damping: Any, mass: Mass, K: Any) -> dict[str, Any]:
-    """Return the parameters of a damping."""
+    """Return the parameters of the damping."""
     if not isinstance(damping, Rayleigh | Modal):
         raise TypeError(f"damping must be eig3.Rayleigh(...) or eig3.Modal(...), not {shown(damping)}.")
     if K is None:

@@ -1,4 +1,4 @@
-"""Loads of a structure that are given as records: forces on some degrees of freedom, and motions of the ground."""
+"""Loads given as records: forces on some degrees of freedom, and ground motions."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from ..functions.checks import reals, shown
 
 
 def check_ground(ground: Any, n: int) -> dict[str, Any]:
-    """Return the parameters of a motion of the ground: times, accelerations and influences.
+    """Return the parameters of a ground motion: times, accelerations and influences.
 
     Raises
     ------
     TypeError, ValueError
-        If it is not (times, accelerations) or (times, accelerations, influence), or they do not fit.
+        If it is not (times, accelerations) or (times, accelerations, influence), or the shapes do not match.
     """
     wanted = "(times, accelerations) or (times, accelerations, influence)"
     times, values, *rest = _record(ground, "ground", wanted)
@@ -33,7 +33,7 @@ def check_table(force: Any, n: int) -> dict[str, Any]:
     Raises
     ------
     TypeError, ValueError
-        If it is not (times, forces) or (times, forces, degrees), or they do not fit.
+        If it is not (times, forces) or (times, forces, degrees), or the shapes do not match.
     """
     wanted = "a jitted function f(t, u, v, p, out), or a table (times, forces) or (times, forces, degrees)"
     times, values, *rest = _record(force, "force", wanted)
@@ -49,7 +49,7 @@ def check_table(force: Any, n: int) -> dict[str, Any]:
 
 
 def _record(given: Any, name: str, wanted: str) -> tuple:
-    """Return the times and the values of a record as arrays, and what is given beside them as it is."""
+    """Return the times and the values of a record as arrays, and further entries unchanged."""
     if not (isinstance(given, tuple | list) and len(given) in (2, 3)):
         raise TypeError(f"{name} must be {wanted}, not {shown(given)}.")
     t, x = reals(given[0], f"the times of {name}"), reals(given[1], name)

@@ -1,4 +1,4 @@
-"""The matrices of a structure: what they must be, lumped masses, and the blocks in which products are fastest."""
+"""The matrices of a structure: checks, lumped masses, and the block size of the fastest products."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ..functions.checks import reals, shown
 from ..functions.sparse import is_of_scipy
 from .products import EDGES
 
-_FILLED = 1.25  # times the entries, with the zeros in blocks; blocks of 2 and 3 take 0.5 and 0.4 of the time
-_SYMMETRIC = 1e-9  # part of the largest entry by which a symmetric matrix may differ from its transpose
+_FILLED = 1.25  # largest ratio of stored entries to nonzeros in blocks; blocks of 2 and 3 take 0.5 and 0.4 of the time
+_SYMMETRIC = 1e-9  # largest relative difference of a symmetric matrix from its transpose
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Mass:
     Attributes
     ----------
     diagonal : ndarray, shape (n,), or None
-        The masses, if they are lumped.
+        The masses, if lumped.
     matrix : sparse array
     """
 
@@ -43,7 +43,7 @@ def check_mass(M: Any, lump: str | None) -> Mass:
     Raises
     ------
     TypeError, ValueError
-        If M is no mass: not square, not symmetric, not positive definite, or not made of finite numbers.
+        If M is not square, not symmetric, not positive definite, or not finite.
     """
     if lump not in (None, "row", "hrz"):
         raise ValueError(f'lump must be "row" or "hrz", not {shown(lump)}.')
@@ -70,7 +70,7 @@ def check_matrix(matrix: Any, name: str, n: int | None = None) -> Any:
     Raises
     ------
     TypeError, ValueError
-        If it is not square or has not the shape (n, n), or is not made of finite real numbers.
+        If it is not square or does not have the shape (n, n), or is not made of finite real numbers.
     """
     if not is_of_scipy(matrix):
         matrix = np.atleast_2d(reals(matrix, name))
@@ -99,7 +99,7 @@ def check_symmetric(matrix: Any, name: str) -> None:
 
 
 def edge_of_blocks(matrices: Any) -> int:
-    """Return the edge of the square blocks in which products with some sparse matrices are fastest, or 1."""
+    """Return the size of the square blocks for the fastest products with some sparse matrices, or 1."""
     for edge in EDGES[:-1]:
         if matrices and all(matrix.shape[0] % edge == 0 for matrix in matrices):
             stored = sum(matrix.tobsr((edge, edge)).data.size for matrix in matrices)
@@ -113,9 +113,9 @@ def _row_sums(matrix: Any) -> np.ndarray:
 
 
 def _hrz(matrix: Any) -> np.ndarray:
-    """Scale the diagonal so that the mass of each direction stays (Hinton, Rock and Zienkiewicz, 1976).
+    """Scale the diagonal to preserve the mass of each direction (Hinton, Rock and Zienkiewicz, 1976).
 
-    The directions are the parts of the matrix that are not connected with each other.
+    The directions are the uncoupled parts of the matrix.
     """
     diagonal, sums = matrix.diagonal(), _row_sums(matrix)
     _, part = scipy.sparse.csgraph.connected_components(matrix, directed=False)
@@ -129,5 +129,6 @@ def _check_masses(masses: np.ndarray, name: str) -> None:
     bad = np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))
     if bad.size:
         raise ValueError(
-            f"{name} must have positive, finite masses, but that of degree of freedom {bad[0]} is {masses[bad[0]]:g}."
+            f"{name} must have positive, finite masses, but the mass of degree of freedom {bad[0]} is "
+            f"{masses[bad[0]]:g}."
         )

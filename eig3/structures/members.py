@@ -11,14 +11,14 @@ from ..functions.checks import reals
 
 #: The directions of a node: displacements, m, and rotations, rad.
 DIRECTIONS = {2: ("ux", "uy", "rz"), 3: ("ux", "uy", "uz", "rx", "ry", "rz")}
-_ALONG = 0.999  # cosine of the angle from which on a member is along the axis that its local axes are measured from
+_ALONG = 0.999  # with a larger cosine, a member counts as parallel to the reference direction of its local axes
 
 
 @dataclass(frozen=True)
 class Section:
-    """The section of a member and its material.
+    """The section and the material of a member.
 
-    A member with I = 0 is a bar, whose ends are hinges.
+    A member with I = 0 is a bar with hinges at both ends.
 
     Parameters
     ----------
@@ -27,12 +27,11 @@ class Section:
     A : float
         Area, m^2.
     I : float
-        Second moment of area, m^4, for bending in the plane; in space, for bending in the plane of the member and of
-        its direction `up`.
+        Second moment of area, m^4, for bending in the plane; in space, for bending in the plane of the member and `up`.
     density : float
         kg/m^3.
     I_side : float, optional
-        In space: for bending across `up`; I, if not given.
+        In space: for bending perpendicular to `up`; I by default.
     G, J : float
         In space: shear modulus, Pa, and torsion constant, m^4.
 
@@ -78,9 +77,9 @@ class Member:
     ----------
     section : Section
     start, end : ndarray, shape (2,) or (3,)
-        The places of its nodes, m.
+        The positions of its nodes, m.
     releases : frozenset of str
-        "start" and "end": which ends are hinges, without bending moment.
+        The ends, "start" or "end", with hinges.
     up : ndarray, shape (3,)
         In space: a direction in the plane of the first bending stiffness.
     """
@@ -104,9 +103,9 @@ class Member:
 
     @property
     def stiffness_of_chord(self) -> np.ndarray:
-        """The stiffness for the lengthening and the rotations of the ends, shape (3, 3) in the plane.
+        """The stiffness for the elongation and the rotations of the ends, shape (3, 3) in the plane.
 
-        In space, shape (6, 6): the lengthening, the rotations of both ends about z and about y, and the twist.
+        In space, shape (6, 6): the elongation, the rotations of both ends about z and about y, and the twist.
         """
         s = self.section
         bends = np.kron(np.diag([s.E * s.I, s.E * self._side]), [[4, 2], [2, 4]])
@@ -116,7 +115,7 @@ class Member:
 
     @property
     def axes(self) -> np.ndarray:
-        """The member's own x, along it, y and z in space, shape (3, 3)."""
+        """The local axes of the member in space, with x along the member, shape (3, 3)."""
         x = (self.end - self.start) / self.length
         up = self.up if abs(x @ self.up) < _ALONG else np.array([1.0, 0.0, 0.0])
         y = up - (up @ x) * x
@@ -146,7 +145,7 @@ class Member:
     def _masses(self) -> np.ndarray:
         """Half of the mass at each node, with the rotary inertia of half of a rod about its end, m L^2 / 24.
 
-        In space it is the same about all axes, so that the mass is diagonal: torsion of members is too slow.
+        In space it is the same about all axes, which keeps the mass diagonal but slows the torsion of members.
         """
         d, mass = len(DIRECTIONS[self.start.size]), self.section.density * self.section.A * self.length
         masses = np.zeros((2, d))
@@ -157,7 +156,7 @@ class Member:
         return masses.ravel()
 
     def _turn(self) -> np.ndarray:
-        """The matrix that turns displacements and rotations of the nodes into the member's own directions."""
+        """The matrix that transforms displacements and rotations of the nodes to the local axes."""
         if self.start.size == 3:
             return np.kron(np.eye(4), self.axes)
         x = (self.end - self.start) / self.length
@@ -170,7 +169,7 @@ def _add_pair(K: np.ndarray, i: int, d: int, k: float) -> None:
 
 
 def _add_bending(K: np.ndarray, places: list[int], EI: float, length: float, sign: int) -> None:
-    """Add an Euler-Bernoulli beam: `sign` says whether a positive rotation moves the member up or down."""
+    """Add an Euler-Bernoulli beam; `sign` is the sign of the deflection by a positive rotation."""
     c, h = sign * 6 * length, 4 * length**2
     K[np.ix_(places, places)] += (
         EI / length**3 * np.array([[12, c, -12, c], [c, h, -c, h / 2], [-12, -c, 12, -c], [c, h / 2, -c, h]])
@@ -178,7 +177,7 @@ def _add_bending(K: np.ndarray, places: list[int], EI: float, length: float, sig
 
 
 def _released(K: np.ndarray, hinges: list[int]) -> np.ndarray:
-    """Return a stiffness whose moments in some rows are zero: the rotations there follow from the others."""
+    """Return the stiffness after static condensation of the rotations at hinges."""
     for i in hinges:
         if K[i, i] > 0:
             K = K - np.outer(K[:, i], K[i]) / K[i, i]

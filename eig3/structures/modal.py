@@ -1,4 +1,4 @@
-"""The exact motion of a linear structure by its modes, with forces and ground motions that are records."""
+"""The exact motion of a linear structure by modal superposition, for forces and ground motions given as records."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from .damping import natural_modes
 from .factors import Factors
 from .matrices import Mass
 
-_LARGEST = 1000  # degrees of freedom of a structure all of whose modes are computed, in some tenths of a second
-_RIGID = 1e-10  # part of the largest square of a frequency: below it, a mode has no stiffness
-_MIXED = 1e-8  # part of the largest rate of damping that may couple two modes
-_SERIES = 1e-2  # up to which sinh(x) is a series of three terms, to the last digit
-_TIMES = 4096  # that are evaluated at once
+_LARGEST = 1000  # degrees of freedom up to which all modes are computed, in some tenths of a second
+_RIGID = 1e-10  # relative to the largest square of a frequency; a mode below it is a rigid-body mode
+_MIXED = 1e-8  # relative to the largest damping rate; a smaller coupling of two modes is neglected
+_SERIES = 1e-2  # up to this x, a series of three terms for sinh(x) is exact
+_TIMES = 4096  # times evaluated at once
 _BY_MODES = "eig3.structures.modal_solution(problem, t) returns it"
-_STRUCTURE = ("K", "m", "M", *Factors._fields, "modes", "rates")  # parameters that eig3.linear makes together
+_STRUCTURE = ("K", "m", "M", *Factors._fields, "modes", "rates")  # parameters that eig3.linear computes together
 
 
 def modal_solution(problem: Problem, t: ArrayLike, modes: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Return the exact motion of a problem of `eig3.linear`, by its modes.
+    """Return the exact motion of a problem of `eig3.linear`, by modal superposition.
 
     Each mode is a linear oscillator. Between two times of a record its force is linear, and its motion has a closed
     form: see Chopra, Dynamics of Structures, section 5.2.
@@ -34,11 +34,11 @@ def modal_solution(problem: Problem, t: ArrayLike, modes: int | None = None) -> 
     Parameters
     ----------
     problem : Problem
-        Its damping must not couple the modes, and its forces must be records.
+        A problem whose damping does not couple the modes, with forces given as records.
     t : array_like, shape (s,)
-        Times, s, from the start of the problem on.
+        Times, s, not before the start of the problem.
     modes : int, optional
-        The number of the lowest modes; without it, all of them. The others are left out, with their part of the start.
+        The number of the lowest modes; by default all modes. The other modes are left out, also of the initial values.
 
     Returns
     -------
@@ -47,10 +47,10 @@ def modal_solution(problem: Problem, t: ArrayLike, modes: int | None = None) -> 
     Raises
     ------
     TypeError, ValueError
-        If an argument is not valid, or the modes do not move on their own.
+        If an argument is not valid, or damping couples the modes.
     """
     if not isinstance(problem, Problem) or not {"size", "K"} <= set(getattr(problem._layout, "names", ())):
-        raise TypeError("problem must be one of eig3.linear with a stiffness K.")
+        raise TypeError("problem must be a problem of eig3.linear with a stiffness K.")
     if getattr(problem.rhs.py_func, "named", problem.rhs).py_func.__globals__.get("force") is not None:
         raise ValueError("the force of this problem is a function: the motion of its modes has no closed form.")
     count = None if modes is None else check_count(modes, "modes")
@@ -58,7 +58,7 @@ def modal_solution(problem: Problem, t: ArrayLike, modes: int | None = None) -> 
 
 
 def exact_motion(params: Any, u0: np.ndarray, v0: np.ndarray, t0: float) -> ModalMotion | UnknownMotion:
-    """Return the exact motion if it can be known at little cost. Its forces must be records."""
+    """Return the exact motion if its cost is small. The forces must be records."""
     if "K" not in params.layout.names:
         return unknown("it has no K")
     if "C" in params.layout.names:
@@ -69,7 +69,7 @@ def exact_motion(params: Any, u0: np.ndarray, v0: np.ndarray, t0: float) -> Moda
 
 
 def unknown(why: str) -> UnknownMotion:
-    """Return what stands for the exact motion of a structure, because of a reason."""
+    """Return the placeholder of an exact motion that is not known, with the reason."""
     return UnknownMotion(f"the exact motion of this structure is not known, because {why}.")
 
 
@@ -79,25 +79,25 @@ class ModalMotion:
     Parameters
     ----------
     params : Parameters
-        Of a problem of `eig3.linear`.
+        The parameters of a problem of `eig3.linear`.
     u0, v0 : ndarray, shape (n,)
     t0 : float
     modes : int, optional
-        Number of modes; without it, all.
+        Number of modes; by default all.
     """
 
     def __init__(self, params: Any, u0: Any, v0: Any, t0: float, modes: int | None = None) -> None:
         self._params, self._start, self._t0, self._count = params._asdict(), (u0, v0), t0, modes
 
     def again(self, params: Any, u0: Any, v0: Any, t0: float) -> ModalMotion | UnknownMotion:
-        """Return the motion from another start, and with other loads."""
+        """Return the motion for other initial values and loads."""
         own, other = (
             Parameters({name: each[name] for name in _STRUCTURE if name in each})
             for each in (self._params, params._asdict())
         )
         if own == other:
             return ModalMotion(params, u0, v0, t0)
-        return unknown("K, its mass or its modes have changed: make the changed one by eig3.linear")
+        return unknown("K, its mass or its modes have changed: make the changed problem with eig3.linear")
 
     def __call__(self, t: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         times = np.atleast_1d(reals(t, "t"))
@@ -128,7 +128,7 @@ class ModalMotion:
 
     @cached_property
     def _rates(self) -> np.ndarray:
-        """The rates of damping, 2 xi omega, of the modes."""
+        """The damping rates, 2 xi omega, of the modes."""
         (omega, shapes), has = self._modes, self._params
         rates = np.zeros_like(omega)
         if "b" in has:
@@ -140,13 +140,13 @@ class ModalMotion:
             full = shapes.T @ (_matrix(has["C"]) @ shapes)
             mixed = np.abs(full - np.diag(np.diag(full))).max()
             if mixed > _MIXED * np.abs(full).max():
-                raise ValueError("C couples the modes: their motion has no closed form of its own.")
+                raise ValueError("C couples the modes, which then have no closed form: integrate the problem.")
             rates += np.diag(full)
         return rates
 
     @cached_property
     def _at_knots(self) -> tuple[np.ndarray, ...]:
-        """The times from which on forces are linear; there, coordinates and rates of the modes, forces and slopes."""
+        """The times between which forces are linear; there, modal coordinates and rates, forces and slopes."""
         records = self._records()
         knots = np.unique(np.concatenate([[self._t0], *(t[t > self._t0] for t, *_ in records)]))
         force, slope = np.zeros((2, knots.size, self._shapes.shape[1]))
@@ -177,9 +177,10 @@ class ModalMotion:
         return found
 
     def _moved(self, tau: np.ndarray, q: Any, rate: Any, force: Any, slope: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return the coordinates and their rates after the times tau of a linear force, by the closed form.
+        """Return the coordinates and their rates after the times tau of a linear force, in closed form.
 
-        It is the particular solution, which is linear in time, and the free motion of what is left of the start.
+        It is the sum of the particular solution, which is linear in time, and of the free motion from the difference of
+        the initial values.
         """
         omega, c, tau = self._modes[0], self._rates, tau[:, None]
         square = omega**2
@@ -195,12 +196,12 @@ class ModalMotion:
 
 
 def _free(omega: np.ndarray, c: np.ndarray, tau: np.ndarray, q: Any, rate: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return the free motion of oscillators, also of those with critical and with more damping."""
+    """Return the free motion of oscillators, including critical damping and overdamping."""
     root = np.sqrt((0.5 * c) ** 2 - omega**2 + 0j)
     plus, minus = (np.exp((-0.5 * c + sign * root) * tau) for sign in (1, -1))
     cosine = (0.5 * (plus + minus)).real
     x = root * tau
-    is_small = np.abs(x) < _SERIES  # near critical damping: the difference of plus and minus would have few digits
+    is_small = np.abs(x) < _SERIES  # near critical damping, the difference of plus and minus would lose digits
     series = tau * np.exp(-0.5 * c * tau) * (1 + x**2 / 6 * (1 + x**2 / 20)).real
     sine = np.where(is_small, series, ((plus - minus) / np.where(is_small, 1, 2 * root)).real)
     u = (cosine + 0.5 * c * sine) * q + sine * rate
@@ -212,7 +213,7 @@ def _pushed(c: np.ndarray, tau: np.ndarray, q: Any, rate: Any, force: Any, slope
     freely = (q + tau * (rate + tau * (force / 2 + tau * slope / 6)), rate + tau * (force + tau * slope / 2))
     is_damped = c > 0
     k = np.where(is_damped, c, 1.0)
-    last = (force - slope / k) / k  # the velocity in the long run, with slope / k times the time
+    last = (force - slope / k) / k  # the asymptotic velocity, in addition to slope / k times the time
     decay = np.exp(-k * tau)
     v = (rate - last) * decay + last + slope / k * tau
     u = q + (rate - last) * (1 - decay) / k + last * tau + slope / k * tau**2 / 2
@@ -220,6 +221,6 @@ def _pushed(c: np.ndarray, tau: np.ndarray, q: Any, rate: Any, force: Any, slope
 
 
 def _matrix(A: Any) -> Any:
-    """Return the sparse matrix of SciPy for one among parameters."""
+    """Return a sparse matrix of the parameters as a SciPy array."""
     make = scipy.sparse.csr_array if A.edge == 1 else scipy.sparse.bsr_array
     return make((A.data, A.indices, A.indptr), shape=A.shape).tocsr()

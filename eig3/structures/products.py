@@ -1,6 +1,6 @@
 """Compiled products with sparse matrices.
 
-Indices are unsigned: Numba checks signed ones for being negative, which takes as long as the products themselves.
+Indices are unsigned: Numba wraps negative signed indices, and the test takes as long as the products.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from ..kernels.compile.jit import element
 from ..kernels.compile.source import Writer, define
 
-#: The edges of blocks for which there is code.
+#: The sizes of blocks for which there is code.
 EDGES = 3, 2, 1
 
 _NAMES = {"__name__": __name__, "unsigned": np.uint64, "one": np.uint64(1), "two": np.uint64(2)}
 
-# One sum would wait for itself at each entry: two take turns.
+# Two alternating sums, because one sum would be limited by the latency of the addition.
 _ROW = """\
 def product(data, indices, indptr, row, x{further}):
     first, last = unsigned(indptr[row]), unsigned(indptr[row + 1])
@@ -38,8 +38,8 @@ def product(data, indices, indptr, row, x{further}):
 def product(edge: int, has_rate: bool) -> Any:
     """Return the compiled rows of a product A x or, with a rate, A (x + rate v).
 
-    It takes the three arrays of A, with blocks in one axis, a row of blocks, x, and with a rate this and v. It returns
-    `edge` sums.
+    The arguments are the three arrays of A, with blocks in one axis, a row of blocks, x, and with a rate also rate and
+    v. The product returns `edge` sums.
     """
     further = ", rate, v" if has_rate else ""
     at = "x[{0}] + rate * v[{0}]" if has_rate else "x[{0}]"

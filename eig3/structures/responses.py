@@ -1,4 +1,4 @@
-"""What engineers ask of a structure's motion: base shear, storey drifts, and the motion relative to a fixed point."""
+"""Responses of a structure: base shear, storey drifts, and the absolute motion."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from .products import product
 def base_shear(problem: Problem) -> Any:
     """Return the base shear of a structure on moving ground, as an output for `Problem.integrate`.
 
-    It is the sum of the elastic forces in the direction of the ground's motion, r^T K u.
+    It is the sum of the elastic forces in the direction of the ground motion, r^T K u.
 
     Parameters
     ----------
     problem : Problem
-        One of `eig3.linear` with K and a ground motion.
+        A problem of `eig3.linear` with K and a ground motion.
 
     Returns
     -------
     jitted function
-        Its values have the unit of a force.
+        A function whose values are forces.
 
     Raises
     ------
@@ -59,8 +59,8 @@ def storey_drifts(problem: Problem, floors: Sequence[int | str]) -> tuple[Any, i
     ----------
     problem : Problem
     floors : sequence of int or str
-        The degree of freedom of each floor, from the lowest one on, by number or name. The drift of the first storey is
-        relative to the ground.
+        The degree of freedom of each floor, from the lowest floor on, by number or name. The drift of the first storey
+        is relative to the ground.
 
     Returns
     -------
@@ -89,7 +89,8 @@ def storey_drifts(problem: Problem, floors: Sequence[int | str]) -> tuple[Any, i
 def ground_motion(problem: Problem, t: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the displacement, velocity and acceleration of the ground, which is at rest before its record.
 
-    They are the integrals of the acceleration, which is linear between the times of the record and zero outside.
+    Velocity and displacement are integrals of the acceleration, which is linear between the times of the record and
+    zero outside.
 
     Parameters
     ----------
@@ -111,15 +112,15 @@ def ground_motion(problem: Problem, t: ArrayLike) -> tuple[np.ndarray, np.ndarra
 
 
 def absolute_motion(problem: Problem, solution: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the motion of a run relative to a fixed point: u, v and a, to which those of the ground are added.
+    """Return the absolute motion of a run: u, v and a, with the motion of the ground added.
 
     Parameters
     ----------
     problem : Problem
         One of `eig3.linear` with a ground motion.
     solution : Solution or EnsembleSolution
-        A run of it, a member of its ensemble, or a whole ensemble. The ground is that of the run's own parameters; a
-        copied `Solution` no longer has them, and gets the ground of the problem.
+        A run of the problem, a member of an ensemble, or a whole ensemble. The ground motion comes from the parameters
+        of the run; a copied `Solution` has no parameters, and gets the ground motion of the problem.
 
     Returns
     -------
@@ -134,8 +135,8 @@ def absolute_motion(problem: Problem, solution: Any) -> tuple[np.ndarray, np.nda
     known, accelerations = _params(problem, "ground"), solution.a
     if accelerations is None:
         raise ValueError(
-            "solution must have its right-hand side, for the accelerations: take the one that the run returned, and no "
-            "copy, or load it with problem.load(path)."
+            "solution must have its right-hand side, for the accelerations: take the solution that the run "
+            "returned, not a copy, or load it with problem.load(path)."
         )
     relative = solution.u, solution.v, accelerations
     read = known.layout.read
@@ -165,7 +166,7 @@ def _params(problem: Any, *names: str) -> Any:
     """Return the parameters of a problem, which must have these names."""
     known = getattr(getattr(getattr(problem, "params", None), "layout", None), "names", ())
     if not isinstance(problem, Problem) or "size" not in known:
-        raise TypeError(f"problem must be one of eig3.linear, not {shown(problem)}.")
+        raise TypeError(f"problem must be a problem of eig3.linear, not {shown(problem)}.")
     for name in names:
         if name not in known:
             raise ValueError(f"problem must have {name}: give it to eig3.linear.")

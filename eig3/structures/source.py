@@ -1,8 +1,8 @@
-"""The source of a structure's right-hand side and energy: only what the structure has is in it.
+"""The source of the right-hand side and the energy of a structure, with only the terms that the structure has.
 
     M a = f(t, u, v) - K (u + b v) - C v - M (a_R v + r g(t))        a -= Phi (2 xi omega) (M Phi)^T v
 
-with Rayleigh's coefficients a_R and b, the ground's acceleration g and its influences r.
+with the Rayleigh coefficients a_R and b, the ground acceleration g and the influences r.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from ..kernels.compile.source import Writer, define
 from .factors import solution
 from .products import product
 
-_KEPT = 64  # functions; one of the user would otherwise stay in memory for ever
+_KEPT = 64  # functions; without a limit, functions of the user would stay in memory for ever
 
-#: The parts that change the energy.
+#: The terms that change the energy.
 LOADED = frozenset({"C", "rayleigh", "modal", "ground", "force", "table"})
-#: What a run follows with `work=True`.
+#: The quadratures of a run with `work=True`.
 QUADRATURES = "work", "dissipated"
-_LOADS = frozenset({"force", "table"})  # of single degrees of freedom, which are computed first
+_LOADS = frozenset({"force", "table"})  # on single degrees of freedom, computed first
 
 _TABLE = """\
 place, part = weight(t, p.force_times)
@@ -53,7 +53,7 @@ for j in range(p.modes.shape[0]):
 
 @dataclass(frozen=True)
 class Parts:
-    """What the compiled code of a structure depends on.
+    """The properties of a structure on which its compiled code depends.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Parts:
     edge : int
         The rows of a block of K and C.
     copies : int
-        A consistent mass is the same matrix for this number of directions.
+        The number of directions with the same consistent mass matrix.
     threads : int
     """
 
@@ -73,7 +73,7 @@ class Parts:
 
 @element
 def weight(t: Any, times: Any) -> Any:
-    """Return the interval of a record at a time, or -1 outside the record, and the part of it that has passed."""
+    """Return the interval of a record at a time, or -1 outside the record, and the elapsed fraction of the interval."""
     last = times.size - 1
     if t < times[0] or t > times[last]:
         return -1, 0.0
@@ -83,7 +83,7 @@ def weight(t: Any, times: Any) -> Any:
 
 @functools.lru_cache(_KEPT)
 def right_hand_side(parts: Parts, force: Any) -> Any:
-    """Return the jitted right-hand side of a structure that has these parts: structures of the same parts share it."""
+    """Return the jitted right-hand side of a structure with these parts, which structures with the same parts share."""
     has, edge = parts.has, parts.edge
     out = Writer()
     with out.block("def rhs(t, u, v, p, a)"):
@@ -127,7 +127,7 @@ def right_hand_side(parts: Parts, force: Any) -> Any:
 
 @functools.lru_cache(_KEPT)
 def energy(parts: Parts) -> Any:
-    """Return the jitted energy of a structure: kinetic and elastic, less the work if a run follows it."""
+    """Return the jitted energy of a structure: kinetic and elastic, minus the work if a run integrates it."""
     out, is_consistent = Writer(), "consistent" in parts.has
     with out.block("def energy(t, u, v, p)"):
         out.line("n, energy = p.size, 0.0", *[_arrays("M")] * is_consistent)
@@ -169,15 +169,15 @@ def _row(parts: Parts) -> list[str]:
 
 
 def _without_mass(parts: Parts, i: str) -> str:
-    """Return the part of an acceleration, with the other sign, that does not depend on the mass."""
+    """Return the negative of the acceleration terms that do not depend on the mass."""
     terms = [f"decay * v[{i}]"] * ("rayleigh" in parts.has) + [f"influence[{i}] * g"] * ("ground" in parts.has)
     return " + ".join(terms)
 
 
 def _power(parts: Parts, out: Writer) -> None:
-    """Write the powers which only a run that follows them needs.
+    """Write the powers for a run that integrates the work.
 
-    That of loads, ground and damping is v (M a + K u), and that of the damping alone is v (C v + ...).
+    The power of loads, ground and damping is v (M a + K u), and the power of the damping alone is v (C v + ...).
     """
     has, edge = parts.has, parts.edge
     out.line("power, lost = 0.0, 0.0", *[_arrays("M")] * ("consistent" in has))
@@ -209,5 +209,5 @@ def _at(edge: int, k: int) -> str:
 
 
 def _arrays(name: str) -> str:
-    """Return the line that takes the arrays of a matrix: a parallel loop takes arrays, but not tuples of tuples."""
+    """Return the line that unpacks the arrays of a matrix, because a parallel loop cannot read tuples of tuples."""
     return f"{name}_data, {name}_indices, {name}_indptr = p.{name}.data.reshape(-1), p.{name}.indices, p.{name}.indptr"

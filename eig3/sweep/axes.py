@@ -13,13 +13,13 @@ from ..options import MOST_DIGITS
 
 _NUMBER = r"[^:=]+"
 _FORM = re.compile(rf"([^:=]+)=({_NUMBER}):({_NUMBER})(?::(\d+))?(:log)?")
-MOST_WHOLE = 2.0**53  # of the whole numbers that a parameter takes: above, not every one is a float
-_NEAR = 1e-9  # a value this close to a whole number, relative to it, is one: a logarithmic grid has round-off
+MOST_WHOLE = 2.0**53  # largest whole number as a parameter; not every larger whole number is a float
+_NEAR = 1e-9  # relative distance within which a value is rounded to a whole number: a logarithmic grid has round-off
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A parameter that is swept.
+    """A swept parameter.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Axis:
             raise wrong from None
         name, is_log = match[1], bool(match[5])
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise ValueError(f"--set {name} must go from a number to a larger one, not from {low:g} to {high:g}.")
+            raise ValueError(f"--set {name} must go from a number to a larger number, not from {low:g} to {high:g}.")
         if is_log and low <= 0:
             raise ValueError(f"--set {name} must start above 0 for logarithmic spacing, not at {low:g}.")
         digits = (match[4] or "").lstrip("0")
@@ -72,7 +72,7 @@ class Axis:
         return cls(name, low, high, count, is_log)
 
     def grid(self, *, whole: bool) -> np.ndarray:
-        """Return evenly spaced values, which must be whole numbers if the parameter is one."""
+        """Return evenly spaced values, which must be whole numbers if `whole`."""
         assert self.count is not None
         self._check_whole(whole)
         values = (np.geomspace if self.is_log else np.linspace)(self.low, self.high, self.count)

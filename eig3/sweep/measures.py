@@ -1,4 +1,4 @@
-"""What is measured of each member: the extremes, the end or the drift of a quantity."""
+"""Measures of each member: the extremes, the end or the drift of a quantity."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _COMPONENTS = re.compile(r"([uv])(\d*)(?:-\1(\d+))?")
 
 @dataclass(frozen=True)
 class Measure:
-    """A number of each member.
+    """A number computed from each member.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Measure:
         Raises
         ------
         ValueError
-            If there is no such measure.
+            If the measure does not exist.
         """
         kind, _, quantity = text.replace(" ", "").partition(":")
         if kind not in KINDS or not (quantity == "energy" or _COMPONENTS.fullmatch(quantity)):
@@ -106,7 +106,7 @@ class Measure:
         return _quantity(f"{letter}[{i}]" + (f" - {letter}[{j}]" if j is not None else ""))
 
     def _energy(self, problem: Problem) -> Any:
-        """Return the energy. Where the problem follows the work, its drift is that of the energy less the work."""
+        """Return the energy. If the problem integrates the work, the drift is for the energy minus the work."""
         if problem.energy is None:
             raise ValueError(f"--measure {self} does not fit: {problem.name} has no energy with these parameters.")
         if problem.quadratures and self.kind != "drift":
@@ -115,9 +115,9 @@ class Measure:
         return problem.energy
 
     def of(self, solution: EnsembleSolution, name: str, function: Any) -> np.ndarray:
-        """Return the measure of each member, shape (m,); NaN for those that did not reach the end.
+        """Return the measure of each member, shape (m,); NaN for members that did not reach the end.
 
-        `function` is an invariant of the ensemble by the name `name`, unless the measure is of the end.
+        `function` is the invariant `name` of the ensemble, unless the measure is the value at the end.
         """
         if self.kind == "end":
             values = _at_end(solution, function)

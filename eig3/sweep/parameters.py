@@ -1,4 +1,4 @@
-"""The parameters of a problem: the arguments of its function, and the entries of its start."""
+"""The parameters of a problem: the arguments of its function, and the entries of its initial values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from ..problem import Problem
 
-_KEPT = 64  # problems that are kept for other members that differ only in their start
+_KEPT = 64  # problems that are kept for members that differ only in the initial values
 _START = re.compile(r"([uv]0)(?:\[(\d+)\])?")
 _ATOM = r"(?:kg|rad|m|s|N|J)(?:\^(?:\d+|\(\d+/\d+\)))?"
 _PRODUCT = rf"{_ATOM}(?: {_ATOM})*"
@@ -25,12 +25,12 @@ class Parameters:
     Parameters
     ----------
     build : callable
-        The function of `eig3.problems`. Its arguments that are numbers are parameters, and so are the entries u0[i] and
-        v0[i] of the start.
+        The function of `eig3.problems`. The parameters are its numerical arguments, and the entries u0[i] and v0[i] of
+        the initial values.
     t_end : float, optional
-        The end of the run; the problem's own if not given.
+        The end of the run; by default the end of the problem's span.
     work : bool
-        Let a problem that can follow the work follow it.
+        Whether to integrate the work if the problem has this option.
     """
 
     def __init__(self, build: Callable[..., Problem], *, t_end: float | None = None, work: bool = False) -> None:
@@ -61,7 +61,7 @@ class Parameters:
         return self.kinds.get(name) is int
 
     def unit(self, name: str, problem: Problem) -> str:
-        """Return the unit of a parameter, from the documentation of the function; empty if it has none there."""
+        """Return the unit of a parameter from the docstring of the function; empty if it gives no unit."""
         start = _START.fullmatch(name)
         if start:
             return problem.unit(start[1][0], int(start[2] or 0))
@@ -83,10 +83,10 @@ class Parameters:
 
 
 def _documented_unit(text: str, name: str) -> str:
-    """Return the unit in the paragraph of a parameter in a docstring of the NumPy style.
+    """Return the unit in the paragraph of a parameter in a docstring in NumPy style.
 
-    The unit ends the first part, as in "Mass, kg". A paragraph of several parameters may name the unit of each in
-    brackets, in their order.
+    The unit ends the first part, as in "Mass, kg". A paragraph of several parameters may give their units in brackets,
+    in order.
     """
     for names, paragraph in re.findall(r"^(\w+(?:, \w+)*) : .*\n((?:    .*\n?)+)", text, flags=re.MULTILINE):
         if name in names.split(", "):

@@ -11,12 +11,12 @@ from ..result.solution import Status
 from .measures import Measure
 from .study import Study
 
-_CURVES = 5  # up to this number of values of an axis, there is a curve for each; with more, there is a map
-_FEW = 60  # a curve through fewer members than this also has a dot at each
+_CURVES = 5  # up to this number of values of an axis, a curve for each value; with more values, a map
+_FEW = 60  # a curve through fewer members also has dots
 _MOST_BINS = 40
 _QUANTILES = {"5 %": (0.05, "--"), "median": (0.5, "-"), "95 %": (0.95, "--")}  # their lines in a histogram
-_MANY = 1000  # with more members than this, the dots are small
-_SCATTERED = 20_000  # largest number of members that are drawn as dots
+_MANY = 1000  # with more members, the dots are small
+_SCATTERED = 20_000  # largest number of members drawn as dots
 
 
 def draw(figure: Any, study: Study) -> None:
@@ -54,7 +54,7 @@ def _scale(study: Study, name: str) -> str:
 
 
 def _curves(figure: Any, study: Study) -> None:
-    """Draw each measure against one axis; with a curve for each value of the other axis, if there is one."""
+    """Draw each measure against one axis, with a curve for each value of the other axis, if any."""
     grids = {name: column.reshape(study.shape) for name, column in study.columns.items()}
     along = int(np.argmax(study.shape))  # the axis of the abscissa
     name, *others = [study.axes[along].name, *(axis.name for axis in study.axes if axis is not study.axes[along])]
@@ -64,7 +64,7 @@ def _curves(figure: Any, study: Study) -> None:
         y = np.moveaxis(study.values[str(measure)].reshape(study.shape), along, -1).reshape(x.shape)
         for row in range(len(x)):
             label = f"{others[0]} = {np.moveaxis(grids[others[0]], along, -1)[row, 0]:.6g}" if others else None
-            style = "--" if row % 2 else "-"  # a curve may lie on another one
+            style = "--" if row % 2 else "-"  # curves may coincide
             axes.plot(x[row], y[row], style, linewidth=1.2, marker="." if x.shape[1] < _FEW else "", label=label)
         missing = ~np.isfinite(y)
         if missing.any():
@@ -122,7 +122,7 @@ def _histogram(axes: Any, values: np.ndarray, measure: Measure, study: Study) ->
         return
     bins = min(_MOST_BINS, math.ceil(values.size**0.5))
     axes.hist(values, bins=bins, orientation="horizontal", color="C0", alpha=0.7)
-    axes.locator_params(axis="x", nbins=4)  # numbers of members are long
+    axes.locator_params(axis="x", nbins=4)  # counts of members are long numbers
     quantiles = np.quantile(values, [share for share, _ in _QUANTILES.values()])
     for value, (_, style) in zip(quantiles, _QUANTILES.values(), strict=True):
         axes.axhline(value, color="C3", linewidth=1, linestyle=style)

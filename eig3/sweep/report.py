@@ -17,7 +17,7 @@ from .study import Study
 
 
 def report(study: Study, write: Callable[[str], None]) -> None:
-    """Print what ran, how long it took, and the measures."""
+    """Print the settings, the time and the measures of a study."""
     write(f"{study.problem.name}: {study.problem.source}")
     write("\n".join([*_settings(study), *_cost(study), *(f"  Note: {note}" for note in study.notes)]))
     write("\n".join(_table(study)))

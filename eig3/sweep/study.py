@@ -1,4 +1,4 @@
-"""Run the members of a parameter study in batches, and measure them."""
+"""Run the members of a parameter study in batches, and compute their measures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .measures import Measure
 from .parameters import Parameters
 
 _BATCH_VALUES = 2**23  # largest number of parameters and states in a batch: 64 MB
-_LEAST_BATCH, _BATCHES = 256, 20  # a batch fills the lanes of some cores; the progress bar moves after each
+_LEAST_BATCH, _BATCHES = 256, 20  # a batch fills the lanes of some cores; the progress bar advances after each batch
 
 
 @dataclass(eq=False)
@@ -40,7 +40,7 @@ class Study:
     columns : dict of str to ndarray, shape (m,)
         The values of the swept parameters.
     fixed : dict of str to float
-        The parameters that differ from the problem's own in all members.
+        The parameters that differ from the defaults of the problem in all members.
     measures : list of Measure
     values : dict of str to ndarray, shape (m,)
         The measures by name; NaN for members that did not reach the end.
@@ -48,7 +48,7 @@ class Study:
     h : float
     method : Method
     after : float or None
-        Time from which on the members are measured; the start if None.
+        Time after which the members are measured; the start if None.
     seed : int or None
         The seed of a random sample; None for a grid.
     n_steps : int
@@ -91,7 +91,7 @@ class Study:
 
     @property
     def completed(self) -> np.ndarray:
-        """A mask of shape (m,): which members reached the end."""
+        """A mask of shape (m,) of the members that reached the end."""
         return self.status == Status.COMPLETED
 
     @classmethod
@@ -119,16 +119,16 @@ class Study:
             The swept parameters: one or two for a grid, any number for a random sample.
         measures : sequence of Measure
         fixed : mapping of str to float, optional
-            Other parameters that differ from the problem's own.
+            Parameters that differ from the defaults of the problem.
         random, seed : int, optional
             Number of members of a random sample, and its seed. Without `random` the members are the grid of the axes.
         h : float, optional
-            The step, s. The default is the shortest first step of the corners of the swept region.
+            The step, s. The default is the shortest default step at the corners of the swept region.
         method : str or Method
         t_end : float, optional
-            The end of the run; the problem's own if not given.
+            The end of the run; by default the end of the problem's span.
         after : float, optional
-            Measure from this time on only.
+            Measure only after this time.
 
         Raises
         ------
@@ -181,7 +181,7 @@ class Study:
         )
 
     def run(self, progress: bool = False) -> None:
-        """Run all members. After Ctrl-C, the batches that were complete are kept."""
+        """Run all members. After Ctrl-C, the completed batches are kept."""
         size = self._batch_size()
         with Progress(len(self), "member", shown=progress) as bar:
             for first in range(0, len(self), size):
@@ -203,7 +203,7 @@ class Study:
         return min(max(1, _BATCH_VALUES // values), max(_LEAST_BATCH, math.ceil(len(self) / _BATCHES)))
 
     def _run_group(self, problems: list[Problem], members: np.ndarray) -> None:
-        """Run members that share their right-hand side, and measure them."""
+        """Run members that share their right-hand side, and compute their measures."""
         problem = problems[0]
         u0, v0 = (np.array([getattr(p, name) for p in problems]) for name in ("u0", "v0"))
         params = _parameters(problems)

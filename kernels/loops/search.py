@@ -45,10 +45,10 @@ from .zeros import LATER, searching
 
 
 def go_on(address, place, of_steps, tally, outcome, i, row, u, v, a):
-    """Go on from the step to step index i, whose search had an outcome. Return the next row to write.
+    """Continue from the step to step index i, whose search had an outcome. Return the next row to write.
 
     u and v are the state at the end of the step. If the outcome is not PASSED, a becomes the acceleration there. If the
-    run goes on, the quantities are followed in this state, and it is written if it is due.
+    run continues, the quantities are evaluated in this state, and it is written if it is due.
     """
     steps, follow = steps_at(of_steps), look_at(place).follow
     p, t = steps.p, steps.t0 + i * steps.h
