@@ -115,8 +115,9 @@ class Shown(griffe.Extension):
     """What the reference shows of a docstring and of a class."""
 
     def on_object(self, *, obj, **_):
-        if obj.docstring:  # griffe would read the type "ndarray, shape (m,)" as a tuple
-            obj.docstring.value = obj.docstring.value.replace(", shape (", " of shape (")
+        if obj.docstring:  # griffe would show the types 'ndarray, shape (m,)' and '{"gif", "mp4"}' as tuples
+            text = obj.docstring.value.replace(", shape (", " of shape (")
+            obj.docstring.value = re.sub(r"(?m)^(\w.*) : \{(.*)\}", r"\1 : one of \2", text)
 
     def on_class_members(self, *, cls, **_):
         for name in [name for name in cls.attributes if name.startswith("_")]:  # or it is in the signature
