@@ -13,6 +13,7 @@ from .. import drawing
 from ..functions.checks import check_time
 from ..result.solution import Solution
 from .film import RATE, Film
+from .redraw import Redraw
 from .writers import WRITERS, check_writer, kind_of, write_film
 
 #: Draws what stays on a matplotlib figure and returns a function that moves the drawing to frame i of the film.
@@ -67,12 +68,8 @@ def animate(
         canvas.draw()
         figure.set_layout_engine("none")  # the layout of the first frame is that of all others
 
-        def frame(i: int) -> Any:
-            show(i)
-            canvas.draw()
-            return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-
-        write_film(path, frame, len(film.t), RATE)
+        redraw = Redraw(figure, show, len(film.t) - 1)
+        write_film(path, lambda i: Image.fromarray(redraw(i)), len(film.t), RATE)
     return path
 
 
