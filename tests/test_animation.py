@@ -2,6 +2,7 @@
 
 import pickle
 import shutil
+import subprocess
 import sys
 from dataclasses import replace
 from itertools import pairwise
@@ -18,7 +19,7 @@ from PIL import Image
 import eig3
 from eig3 import problems
 from eig3 import run_report as run_module
-from eig3.animation import Curves, Film, Mechanism, Portrait
+from eig3.animation import Curves, Film, Mechanism, Portrait, second_process
 from eig3.animation import animate as animate_module
 from eig3.animation import film as film_module
 from eig3.animation import writers as writers_module
@@ -349,6 +350,38 @@ def test_a_view_may_change_anything_in_a_frame(any_run, change):
     problem = problems.single_dof(t_end=8.0).with_(view=view)
     t = np.linspace(0, 8, 200)
     assert not check_frames(problem, made_up(any_run, t, np.sin(t)))
+
+
+def portrait(figure, film):
+    """A view of a module that another process cannot import."""
+    return Portrait()(figure, film)
+
+
+@pytest.mark.parametrize(("view", "code"), [(Portrait(), 0), (portrait, 1), (lambda *given: portrait(*given), None)])
+def test_two_processes_draw_the_same_film(brief, tmp_path, monkeypatch, view, code):
+    """The second one ends with this code, or does not start. Without it this one draws all frames."""
+    problem = problems.single_dof(t_end=0.5).with_(view=view)
+    solution = problem.integrate(h=0.01)
+    alone = problem.animate(solution, tmp_path / "alone.gif").read_bytes()
+    started = []
+    start = second_process._start
+    monkeypatch.setattr(second_process, "_start", lambda *given: started.append(start(*given)) or started[0])
+    monkeypatch.setattr(second_process, "cores", lambda: 2)
+    monkeypatch.setattr(second_process, "_LEAST", 0.0)
+    monkeypatch.setattr(second_process, "_START", 0.0)
+    assert problem.animate(solution, tmp_path / "shared.gif").read_bytes() == alone
+    assert [process and process.returncode for process in started] == [code]
+
+
+def test_a_second_process_ends_with_an_interrupt(monkeypatch):
+    monkeypatch.setattr(second_process, "cores", lambda: 2)
+    program = [sys.executable, "-c", "import time; time.sleep(600)"]
+    process = subprocess.Popen(program)
+    monkeypatch.setattr(second_process, "_start", lambda *given: process)
+    monkeypatch.setattr(second_process, "_LEAST", 0.0)
+    with pytest.raises(KeyboardInterrupt), second_process.with_second_process(lambda: np.zeros, 8):
+        raise KeyboardInterrupt
+    assert process.poll() is not None
 
 
 @pytest.mark.parametrize("name", ["spring_pendulum", "double_pendulum", "kepler"])
