@@ -34,13 +34,13 @@ def tumbling_box(
     Parameters
     ----------
     sides : tuple of float
-        Along x, y and z, m; the one along y is neither the longest nor the shortest.
+        Along x, y and z, m; the side along y is neither the longest nor the shortest.
     mass : float
         kg.
     spin : float
-        About y at the start, rad/s.
+        Angular velocity about y at the start, rad/s.
     tilt : float
-        The spin about x at the start, as a part of that about y.
+        The angular velocity about x at the start, divided by the angular velocity about y.
     t_end : float
         s.
     """

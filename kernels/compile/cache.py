@@ -93,7 +93,7 @@ class CheckedCache(DiskCache):
 
 
 def folder_of_all() -> None:
-    """Stand for all functions: their compiled code is where Numba would keep that of this one."""
+    """Stand for all functions: their compiled code is where Numba would keep the code of this function."""
 
 
 class _Files:
@@ -169,7 +169,7 @@ class _Files:
             os.close(folder)
 
     def _check_writers(self, descriptor: int, path: Path) -> None:
-        """Refuse what others can write. The descriptor is that of the open file: a path may change its meaning."""
+        """Refuse what others can write. The descriptor belongs to the open file: a path may change its meaning."""
         others = sorted(_writers(os.fstat(descriptor)) - self._trusted) if _HAS_OWNERS else []
         if others:
             raise _UntrustedError(f"{', '.join(f'{kind} {number}' for kind, number in others)} can write {path}")
