@@ -2,6 +2,7 @@
 
 import pickle
 import shutil
+import subprocess
 import sys
 from dataclasses import replace
 from itertools import pairwise
@@ -18,12 +19,13 @@ from PIL import Image
 import eig3
 from eig3 import problems
 from eig3 import run_report as run_module
-from eig3.animation import Curves, Film, Mechanism, Portrait
+from eig3.animation import Curves, Film, Mechanism, Portrait, second_process
 from eig3.animation import animate as animate_module
 from eig3.animation import film as film_module
 from eig3.animation import writers as writers_module
 from eig3.animation.animate import captions, stage
 from eig3.animation.film import RATE, excursions, film_speed, is_resolved, shown_duration
+from eig3.animation.redraw import Redraw
 from eig3.cli import main
 from eig3.drawing import before_growth
 from eig3.effects import (
@@ -285,6 +287,101 @@ def test_every_problem_has_a_picture_that_moves(name, any_run):
         assert axes.get_xlabel() or not len(axes.get_xticks())
         assert axes.get_ylabel() or not any(label.get_visible() for label in axes.get_yticklabels())
         assert axes.get_window_extent().width > 50  # pixels
+
+
+def check_frames(problem, solution):
+    """Check the pixels of some frames against a whole drawing; return whether all are drawn on one background."""
+    (figure, show, film), (other, show_other, _) = (staged(problem, solution) for _ in range(2))
+    for each in (figure, other):
+        each.canvas.draw()
+        each.set_layout_engine("none")
+    last = len(film.t) - 1
+    redraw = Redraw(other, show_other, last)
+    for i in (0, 29, 30, 31, last // 2, last, 5, 30):
+        show(i)
+        figure.canvas.draw()
+        np.testing.assert_array_equal(redraw(i), np.asarray(figure.canvas.buffer_rgba())[..., :3])
+    return redraw.background is not None
+
+
+@pytest.mark.parametrize("name", ["bouncing_ball", "butane", "elastic_bar", "flag", "henon_heiles", "quarter_car"])
+def test_frames_are_those_of_a_whole_drawing(name, any_run):
+    """Views in the plane and in space, with faces and balls, and with limits that move."""
+    problem = getattr(problems, name)()
+    u0 = np.asarray(problem.u0, dtype=float)
+    t = np.linspace(*problem.t_span, 200)
+    wave = 0.05 * (np.abs(u0).max() or 1.0) * np.sin(20 * t / t[-1])
+    assert check_frames(problem, made_up(any_run, t, wave.reshape(-1, *[1] * u0.ndim) + u0))
+
+
+@pytest.mark.parametrize("change", ["limits", "camera", "ticks", "place", "hidden", "added"])
+def test_a_view_may_change_anything_in_a_frame(any_run, change):
+    """What differs neither in the first frame nor in the last is still drawn where it changes."""
+
+    def view(figure, film):
+        axes = figure.add_subplot(projection="3d" if change == "camera" else None)
+        (line,) = axes.plot([0.0], [0.0], *([[0.0]] if change == "camera" else []), "o")
+        bar = axes.axvspan(0, 0.01, zorder=0) if change != "camera" else None
+        state = [False, None]  # whether something has changed, and what was added
+
+        def show(i):
+            line.set_color("C1" if i % 2 else "C2")
+            now = 25 < i < 32
+            if now == state[0]:
+                return
+            if change == "limits":
+                axes.set_xlim(0, 2 if now else 1)
+            elif change == "camera":
+                axes.view_init(30, 10 if now else -60)
+            elif change == "ticks":
+                axes.xaxis.get_major_ticks()[0].label1.set_color("C3" if now else "k")
+            elif change == "place":
+                axes.set_position((0.2, 0.2, 0.3 if now else 0.6, 0.6))
+            elif change == "hidden":
+                bar.set_visible(not now)
+            elif now:
+                state[1] = axes.axvspan(0.01, 0.03, zorder=-1)
+            else:
+                state[1].remove()
+            state[0] = now
+
+        return show
+
+    problem = problems.single_dof(t_end=8.0).with_(view=view)
+    t = np.linspace(0, 8, 200)
+    assert not check_frames(problem, made_up(any_run, t, np.sin(t)))
+
+
+def portrait(figure, film):
+    """A view of a module that another process cannot import."""
+    return Portrait()(figure, film)
+
+
+@pytest.mark.parametrize(("view", "code"), [(Portrait(), 0), (portrait, 1), (lambda *given: portrait(*given), None)])
+def test_two_processes_draw_the_same_film(brief, tmp_path, monkeypatch, view, code):
+    """The second one ends with this code, or does not start. Without it this one draws all frames."""
+    problem = problems.single_dof(t_end=0.5).with_(view=view)
+    solution = problem.integrate(h=0.01)
+    alone = problem.animate(solution, tmp_path / "alone.gif").read_bytes()
+    started = []
+    start = second_process._start
+    monkeypatch.setattr(second_process, "_start", lambda *given: started.append(start(*given)) or started[0])
+    monkeypatch.setattr(second_process, "cores", lambda: 2)
+    monkeypatch.setattr(second_process, "_LEAST", 0.0)
+    monkeypatch.setattr(second_process, "_START", 0.0)
+    assert problem.animate(solution, tmp_path / "shared.gif").read_bytes() == alone
+    assert [process and process.returncode for process in started] == [code]
+
+
+def test_a_second_process_ends_with_an_interrupt(monkeypatch):
+    monkeypatch.setattr(second_process, "cores", lambda: 2)
+    program = [sys.executable, "-c", "import time; time.sleep(600)"]
+    process = subprocess.Popen(program)
+    monkeypatch.setattr(second_process, "_start", lambda *given: process)
+    monkeypatch.setattr(second_process, "_LEAST", 0.0)
+    with pytest.raises(KeyboardInterrupt), second_process.with_second_process(lambda: np.zeros, 8):
+        raise KeyboardInterrupt
+    assert process.poll() is not None
 
 
 @pytest.mark.parametrize("name", ["spring_pendulum", "double_pendulum", "kepler"])

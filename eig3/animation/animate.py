@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from .. import drawing
 from ..functions.checks import check_time
 from ..result.solution import Solution
 from .film import RATE, Film
+from .redraw import Redraw
+from .second_process import with_second_process
 from .writers import WRITERS, check_writer, kind_of, write_film
 
 #: A function that draws the static parts on a matplotlib figure, and returns a function that shows frame i of the film.
@@ -55,25 +58,29 @@ def animate(
             f"{t_end!r}."
         )
     import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from PIL import Image
 
     film = Film.of(drawing.before_growth(solution), has_seconds=has_seconds)
-    with mpl.rc_context({"font.size": 9, "axes.titlesize": 9}):
-        figure = Figure(figsize=_SIZE, dpi=_DPI, layout="constrained")
-        canvas = FigureCanvasAgg(figure)
-        show = stage(figure, view, film, solution, t_end)
-        canvas.draw()
-        figure.set_layout_engine("none")  # all frames have the layout of the first frame
-
-        def frame(i: int) -> Any:
-            show(i)
-            canvas.draw()
-            return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-
-        write_film(path, frame, len(film.t), RATE)
+    count = len(film.t)
+    with (
+        mpl.rc_context({"font.size": 9, "axes.titlesize": 9}),
+        with_second_process(partial(_redraw, view, film, solution, t_end), count) as draw,
+    ):
+        write_film(path, lambda i: Image.fromarray(draw(i)), count, RATE)
     return path
+
+
+def _redraw(view: View, film: Film, solution: Solution, t_end: float | None) -> Redraw:
+    """Return what draws the frames of a film."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_SIZE, dpi=_DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    show = stage(figure, view, film, solution, t_end)
+    figure.canvas.draw()
+    figure.set_layout_engine("none")  # the layout of the first frame is that of all others
+    return Redraw(figure, show, len(film.t) - 1)
 
 
 def stage(figure: Any, view: View, film: Film, solution: Solution, t_end: float | None = None) -> Callable[[int], None]:
