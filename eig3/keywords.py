@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 F = TypeVar("F", bound=Callable[..., Any])
 
 _UNKNOWN = re.compile(r"(?:got an unexpected keyword argument|has no argument) '(\w+)'")
+_MISSING = re.compile(r"missing \d+ required keyword-only argument")  # perhaps because its keyword is an unknown one
 _INTERNAL = {"self", "layout", "labels", "quadratures"}  # what only the library itself gives
 
 #: What other codes call an argument, by its name here.
@@ -107,12 +108,15 @@ def with_suggestions(*further: Callable) -> Callable[[F], F]:
             try:
                 return public(*args, **keywords)
             except TypeError as error:
-                found = _UNKNOWN.search(str(error)) if keywords else None
-                if not found or found[1] not in keywords:
+                known, found = _names(public, *further), _UNKNOWN.search(str(error))
+                refused = [found[1]] if found else keywords.keys() - known if _MISSING.search(str(error)) else []
+                unknown = [name for name in keywords if name in refused]
+                if not unknown:
                     raise
             *kind, name = public.__qualname__.split(".")
             owner = [type(args[0]).__name__] if kind else []
-            raise refusal(".".join([*owner, name]).removesuffix(".__init__"), found[1], _names(public, *further))
+            name = re.sub(r"\.__(init|call)__$", "", ".".join([*owner, name]))
+            raise refusal(name, unknown[0], known)
 
         return call
 

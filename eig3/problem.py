@@ -360,6 +360,7 @@ class Problem:
             start = [_with_quadratures(x, len(self.quadratures)) for x in start]
         return ensemble(self.rhs, span, *start, h=h, params=params, **options)
 
+    @with_suggestions(Stepper.__init__)
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
         """Return a `Stepper` at the start of the problem, which does not follow `quadratures`.
 

@@ -25,6 +25,7 @@ from .placed import Placed
 _ANGLES = {1: 0, 2: 1, 3: 3}  # of a mass that spins, by the dimension
 
 
+@with_suggestions()
 @dataclass(frozen=True, eq=False)
 class Points:
     """Points of a scene: one point, or an array of points of any shape, which is indexed as NumPy arrays are.
