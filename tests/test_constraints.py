@@ -279,7 +279,15 @@ def test_constraints_that_do_not_fit_are_named():
         scene.problem((0.0, 1.0))
     scene = Scene(2)
     scene.add(effects.Rod([1.0, 3.0]), scene.fixed((0, 0)), scene.mass(1.0, [(1, 0), (0, 2)]))
-    with pytest.raises(ValueError, match=r"rod 1 does not hold at the start, where its phi is -0.833: move its points"):
+    with pytest.raises(ValueError, match="rod 1 has the length 3 m, but its ends are 2 m apart: move its points"):
+        scene.problem((0.0, 1.0))
+    scene = Scene(2)
+    scene.add(effects.PrescribedDistance(growing), scene.fixed((0, 0)), scene.mass(1.0, (0, 1.5)))
+    with pytest.raises(ValueError, match=r"distance 0 has the length 2 m, but its ends are 1.5 m apart"):
+        scene.problem((0.0, 1.0))
+    scene = Scene(2)
+    scene.add(OnCircle(2.0), scene.mass(1.0, (1.0, 0.0)))
+    with pytest.raises(ValueError, match=r"on circle 0 does not hold at the start, where its phi is -0.75: move its"):
         scene.problem((0.0, 1.0))
     scene = Scene(2)
     scene.add(effects.Rod(), scene.fixed((0, 0)), scene.mass(1.0, (1, 0), (1.0, 2.0)))

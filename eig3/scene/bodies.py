@@ -123,14 +123,12 @@ class RigidBody:
         """Join the body to another one, or to the ground, with a hinge at a position, m; in space along an axis."""
         self._check_axis(axis, "a revolute joint")
         across = [] if axis is None else self._frame(axis, "axis")
-        self._pinned(other, position)
-        for vector in across[1:]:
-            self.scene.add(Perpendicular(), self._facing(across[0]), self._of(other, vector))
+        self._join("revolute joint", self._pin(other, position), *self._turns(other, across[:1], across[1:]))
 
     def spherical(self, other: RigidBody | None, position: ArrayLike) -> None:
         """Join the body in space to another one, or to the ground, with a ball joint at a position, m."""
         self._check_space("a spherical joint")
-        self._pinned(other, position)
+        self._join("spherical joint", self._pin(other, position))
 
     def universal(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike, other_axis: ArrayLike) -> None:
         """Join the body in space to another one, or to the ground, with a universal joint at a position, m.
@@ -142,8 +140,7 @@ class RigidBody:
         mine, theirs = self._frame(axis, "axis")[0], self._frame(other_axis, "other_axis")[0]
         if abs(mine @ theirs) > _UNIT:
             raise ValueError("axis and other_axis of a universal joint must be at right angles to each other.")
-        self._pinned(other, position)
-        self.scene.add(Perpendicular(), self._facing(mine), self._of(other, theirs))
+        self._join("universal joint", self._pin(other, position), *self._turns(other, [mine], [theirs]))
 
     def weld(self, other: RigidBody | None) -> None:
         """Fix the body to another one, or to the ground, as a `Weld`."""
@@ -153,11 +150,9 @@ class RigidBody:
         """Let the body slide along a direction of another one, or of the ground, without turning against it."""
         ahead, *across = self._frame(direction, "direction")
         place = self._place_of(other, position)
-        for vector in across:
-            self.scene.add(Along(), place, self.at(position), self._of(other, vector))
-        turns = [(ahead, vector) for vector in across]
-        for mine, theirs in [*turns, *([across] if len(across) > 1 else [])]:
-            self.scene.add(Perpendicular(), self._facing(mine), self._of(other, theirs))
+        slides = [(Along(), place, self.at(position), self._of(other, vector)) for vector in across]
+        turns = self._turns(other, [ahead], across) + self._turns(other, across[:1], across[1:])
+        self._join("prismatic joint", *slides, *turns)
 
     def prescribed_angle(self, other: RigidBody | None, angle: Callable, axis: ArrayLike | None = None) -> None:
         """Turn the body against another one, or the ground, by an angle that is a function of time.
@@ -173,7 +168,7 @@ class RigidBody:
             In space, the axis of the hinge, about which the angle is positive as a right-handed screw turns.
         """
         vectors = self._about(other, axis, "a prescribed angle")
-        self.scene.add((PrescribedAngle if axis is None else PrescribedAngleInSpace)(angle), *vectors)
+        self._join("prescribed angle", ((PrescribedAngle if axis is None else PrescribedAngleInSpace)(angle), *vectors))
 
     def motor(self, other: RigidBody | None, torque: Callable, axis: ArrayLike | None = None) -> None:
         """Add a torque on the body, and the opposite one on another body, or on the ground.
@@ -276,10 +271,21 @@ class RigidBody:
         self.scene._bodies.vectors.append(int(fixed.numbers))
         return fixed
 
-    def _pinned(self, other: RigidBody | None, position: ArrayLike) -> None:
-        """Let two points coincide, one of each body."""
-        place = self._place_of(other, position)
-        self.scene.add(PointJoint(), self.at(position), place)
+    def _pin(self, other: RigidBody | None, position: ArrayLike) -> tuple[Any, ...]:
+        """Return the constraint of two points that coincide, one of each body."""
+        return PointJoint(), self.at(position), self._place_of(other, position)
+
+    def _turns(self, other: RigidBody | None, mine: list[np.ndarray], theirs: list[np.ndarray]) -> list[tuple]:
+        """Return constraints between each of some vectors of this body and each of some vectors of another one."""
+        return [(Perpendicular(), self._facing(a), self._of(other, b)) for a in mine for b in theirs]
+
+    def _join(self, kind: str, *constraints: tuple[Any, ...]) -> None:
+        """Add the constraints of a joint, each an effect and its points; errors name the joint."""
+        joints = self.scene._bodies.joints
+        name = f"{kind} {len({name for name in joints.values() if name.startswith(kind)})}"
+        for effect, *points in constraints:
+            self.scene.add(effect, *points)
+            joints[int(points[0].numbers)] = name
 
     def _points_of_weld(self, other: RigidBody | None) -> tuple[Points, ...]:
         """Return where the other body, or the ground, has the centre and the axes of this one; and those themselves."""

@@ -156,7 +156,7 @@ class Description:
         self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
         self._count = 0
         self._placed: list[Placed] = []
-        self._bodies = Bodies([], {}, [])
+        self._bodies = Bodies.none()
 
     def fixed(self, position: ArrayLike) -> Points:
         """Add points that do not move, unless a `Motion` moves them.

@@ -105,6 +105,8 @@ class Scene(Description):
         vectors = Axes(self, self.mass(squares, axes, rates).numbers)
         self._bodies.vectors.extend(vectors.numbers.tolist())
         self._bodies.plates.extend(plates(squares, vectors.numbers))
+        number = 1 + max(self._bodies.numbers.values(), default=-1)
+        self._bodies.numbers.update(dict.fromkeys([int(centre.numbers), *vectors.numbers.tolist()], number))
         self.add(Rigid(), *vectors)
         return RigidBody(self, centre, vectors, principal)
 
