@@ -33,12 +33,15 @@ class Constraints(NamedTuple):
         A function of (t, u, v, p), which returns a number and moves u and v to the nearest state that keeps them.
     leap : jitted function
         A step of EIG-3 by accelerations that do not know them: see `eig3.kernels.constraints.hold`.
+    place : int
+        The place of their table in p.
     straight : Straight or None
         What keeps them in the lanes of an ensemble; None if there are many.
     """
 
     project: Any
     leap: Any
+    place: int
     straight: Straight | None = None
 
 
