@@ -82,10 +82,8 @@ class CheckedCache(DiskCache):
         if self._name:
             return self._name
         for each, _ in helpers_first(self._function):
-            if each is not self._function and hasattr(
-                each.py_func, "made"
-            ):  # code that is loaded needs the symbol of its address
-                each.py_func.made()
+            if each is not self._function and hasattr(each.py_func, "made"):
+                each.py_func.made()  # code that is loaded needs the symbol of its address
         found = content(self._function)
         return found and f"{found} {self._variant}"
 
