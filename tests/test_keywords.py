@@ -24,7 +24,7 @@ ELSEWHERE = {
     "LAMMPS's coefficient of restitution": (effects.HertzMindlin, "coeff_restitution", "restitution"),
     "a coefficient of friction": (effects.HertzMindlin, "mu", "friction"),
     "another coefficient of friction": (effects.CoulombFriction, "friction", "mu"),
-    "two meanings": (effects.HertzMindlin, "radius", "contact_distance or wall_radius"),
+    "two meanings": (effects.HertzMindlin, "radius", "radii or wall_radius"),
     "the article's S2": (effects.HardeningSpring, "S2", "cubic"),
     "a slip of the pen": (effects.PlaneContact, "stifness", "stiffness"),
     "OpenMM's theta0": (effects.HarmonicAngle, "theta0", "angle"),

@@ -294,6 +294,7 @@ class Description:
     def _add_pair_force(
         self, effect: Link, points: Points, others: Points | None, excluded: tuple[str, ...], capacity: int | None
     ) -> None:
+        effect = effect if others is None else effect.of_groups()
         groups = [self._numbers_of([handle], effect)[0] for handle in (points, others) if handle is not None]
         first, second = groups[0].ravel(), groups[1].ravel() if len(groups) > 1 else np.empty(0, dtype=np.int64)
         columns = effect.columns(groups[0].shape, self.dimension)
