@@ -84,8 +84,7 @@ class Problem:
         functions get them as ``p.k``, and this attribute is of the type `eig3.Parameters`.
     t_span : (float, float)
     energy : jitted function, optional
-        ``energy(t, u, v, p) -> float``, constant along the exact solution. `integrate` follows it as the invariant
-        "energy".
+        ``energy(t, u, v, p) -> float``, constant along the exact solution: the invariant "energy" of `integrate`.
     energy_unit : str
         Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
     units : str or tuple of str
@@ -117,8 +116,7 @@ class Problem:
         What `animate` shows: ``view(figure, film)`` draws what stays on a matplotlib figure, and returns ``show(i)``,
         which moves the drawing to frame i of the `eig3.animation.Film`. `eig3.animation` has views such as `Mechanism`.
     outputs : dict
-        Outputs that a run can follow, such as the reactions of constraints: give them, or some of them, to `integrate`
-        as its `outputs`.
+        What a run can follow, such as the reactions of constraints: give it, or some of it, to `integrate` as `outputs`.
     encounters : callable, optional
         For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and the rates of damping that
         may occur in the motion from a state on, or None if they cannot be known. The problem of a scene with contacts

@@ -92,18 +92,15 @@ def ensemble(
     threads : int
         Number of threads; by default all cores that the process may use.
     executor : concurrent.futures.Executor
-        Run the ensemble in parts on the workers of this executor, such as a `ProcessPoolExecutor` that spawns, or that
-        of a dask.distributed Client. A part whose worker dies runs again. Each part takes one thread, or `threads`.
+        Run the ensemble in parts on its workers, such as a `ProcessPoolExecutor` that spawns, or a dask.distributed
+        Client's. A part whose worker dies runs again. Each part takes one thread, or `threads`.
     reduce : callable
         ``reduce(part)`` gets the `EnsembleSolution` of a part, whose `first` is the number of its first member, and
-        returns what you need of it. It runs where the part ran, and the states of the part are dropped after it. With
-        an executor, it and what it returns must be picklable.
+        returns what you need of it, where the part ran. With an executor, it and what it returns must be picklable.
     save_to : str or path
-        A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it, also if the
-        process was killed.
+        A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it.
     quadratures, labels
-        What `Problem.ensemble` adds: the names of quadratures, which are the velocities of the last degrees of freedom
-        and do not decide about the steps, and the names and units of the others.
+        What `Problem.ensemble` adds: names of the last degrees of freedom, whose velocities are quadratures; labels.
     **refused
         Options of single runs that an ensemble refuses by a sentence.
 

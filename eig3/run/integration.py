@@ -45,9 +45,7 @@ def integrate(
     cancel: Cancel | None = None,
     save_to: str | PathLike[str] | None = None,
 ) -> Solution:
-    """Integrate u'' = f(t, u, v) in compiled code, with a fixed step h or with tolerances rtol and atol.
-
-    The page eig3/run/README.md explains the options by examples.
+    """Integrate u'' = f(t, u, v) with a fixed step h or with tolerances; eig3/run/README.md has examples.
 
     Parameters
     ----------
@@ -69,14 +67,13 @@ def integrate(
         A name in `eig3.METHODS` such as "eig9", or a record such as ``EIG3(alpha=1.2)``; by default "eig3". With rtol
         "rk5", "rk8", "eig3" or "rkn12", which is the default up to 1e-6 if rhs ignores v; else "rk8" below 1e-4.
     save_every : int or None
-        Save every `save_every`-th state, the first and the last. None saves only the first and the last.
+        Save every `save_every`-th state, and the first and the last; None saves only these two.
     t_eval : array_like, shape (m,)
         Save the states at these increasing times instead, from the dense output within the steps.
     events : dict of str to Event
         Functions of the state whose zeros are found, by name; see `eig3.Event`.
     invariants : dict of str to jitted function
-        Functions ``e(t, u, v, p) -> float`` by name, evaluated at every step. The solution has their `drift` and
-        `extremes`.
+        Functions ``e(t, u, v, p) -> float`` by name, for each step. The solution has their `drift` and `extremes`.
     outputs : dict of str to jitted function, or to (jitted function, k)
         Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values, by name. `solution.outputs` has
         their values at the saved states, and `solution.extremes` their extremes over the run.
