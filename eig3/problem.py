@@ -116,7 +116,7 @@ class Problem:
         What `animate` shows: ``view(figure, film)`` draws what stays on a matplotlib figure, and returns ``show(i)``,
         which moves the drawing to frame i of the `eig3.animation.Film`. `eig3.animation` has views such as `Mechanism`.
     outputs : dict
-        What a run can follow, such as the reactions of constraints: give it, or some of it, to `integrate` as `outputs`.
+        What a run can follow, such as the reactions of constraints: give some of it to `integrate` as `outputs`.
     encounters : callable, optional
         For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and the rates of damping that
         may occur in the motion from a state on, or None if they cannot be known. The problem of a scene with contacts

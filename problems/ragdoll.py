@@ -98,8 +98,10 @@ def person(push: float = 1.0) -> tuple[Scene, dict[str, RigidBody], np.ndarray]:
         centre, length = (first + last) / 2, np.linalg.norm(last - first)
         inertia = np.full(3, limb.mass * (limb.radius**2 / 4 + length**2 / 12))
         inertia[np.argmax(np.abs(last - first))] = limb.mass * limb.radius**2 / 2
-        spin = np.array([0.0, push, 0.0])
-        body = scene.body(limb.mass, inertia, START + centre, velocity=np.cross(spin, centre), angular_velocity=spin)
+        turning = np.array([0.0, push, 0.0])
+        body = scene.body(
+            limb.mass, inertia, START + centre, velocity=np.cross(turning, centre), angular_velocity=turning
+        )
         ends.append(body.at(START + np.stack([first, last])))
         scene.add(Stairs(limb.radius), ends[-1])
         bodies[name] = body
@@ -133,7 +135,7 @@ def ragdoll(push: float = 1.0, t_end: float = 3.0) -> Problem:
     Parameters
     ----------
     push : float
-        The spin forward at the start, rad/s.
+        The angular velocity forward at the start, rad/s.
     t_end : float
         s.
     """
