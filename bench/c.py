@@ -1,6 +1,6 @@
 """Measure the time per step (ns) of the kernels in both modes, and of the article's algorithms in C99.
 
-The system's compiler, cc or the one that the environment variable CC names, builds the C code during the benchmark.
+The system's compiler (cc, or the environment variable CC) builds the C code during the benchmark.
 Its loops run in the same process.
 """
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from eig3.kernels.methods.eig import kappa, ordinates, sigma
 
-_ITERATIONS = 4  # each adds about ten digits: the derivative is that at the first root
+_ITERATIONS = 4  # each adds about ten digits: the derivative is taken at the first root
 
-Polynomial = list[Fraction]  # the coefficients, that of the highest power first
+Polynomial = list[Fraction]  # the coefficients, in descending powers
 
 
 def oscillator_growth(grade: int, Omega: float) -> float:

@@ -219,7 +219,7 @@ def small_oscillator(repeats: int, n_steps: int) -> str:
 
 
 def _with_cpu(call: Callable[[], object], cpu: list[float]) -> float:
-    """The seconds of a call; append those of the processor to `cpu`."""
+    """Return the seconds of a call; append its processor time to `cpu`."""
     used = time.process_time()
     seconds = seconds_of(call)
     cpu.append(time.process_time() - used)

@@ -202,7 +202,7 @@ _CASES = (
     Case(
         partial(problems.shear_building, t_end=_SECONDS),
         h=_SECONDS / 10_000,
-        # the scene has parameters of its own for the first storey
+        # the scene has separate parameters for the first storey
         spreads=(Spread("params", (-5, -2), 8e6, 16e6), Spread("params", (-4, -1), 40e3, 80e3)),
         by_hand=shear_building,
     ),

@@ -36,7 +36,7 @@ def fewest_steps(run: Run, error_of: Callable[[np.ndarray], float], largest: flo
 def rows(
     contenders: dict[str, Run], error_of: Callable[[np.ndarray], float], largest: float, repeats: int
 ) -> list[list[str]]:
-    """Return the rows of the table. Each run is repeated, and the runs take turns; the first one is that of EIG-3."""
+    """Return the rows of the table. The runs are repeated and interleaved; EIG-3 is the first."""
     needed = {name: fewest_steps(run, error_of, largest) for name, run in contenders.items()}
     taken = {name: (*found, list[float]()) for name, found in needed.items() if found}
     for _ in range(repeats):

@@ -1,7 +1,7 @@
 """The derivatives of a Duffing oscillator's end by parameters and start: `eig3.sensitivities` beside diffrax in JAX.
 
 ``python -m eig3.bench.gradients`` prints for each the time with the longest step, or the largest tolerance, with which
-all derivatives have errors below a target. JAX and diffrax are those of the extra "rivals".
+all derivatives have errors below a target. The extra "rivals" installs JAX and diffrax.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ HARD_CASES: dict[int, HardCase] = {}
 
 
 def case(number: int, title: str, *methods: str) -> Callable:
-    """Register a check under a number, for these methods or for those of the article."""
+    """Register a check under a number, for these methods or for the methods of the article."""
 
     def register(check: Callable) -> Callable:
         HARD_CASES[number] = HardCase(title, methods or ARTICLE_METHODS, check)
@@ -467,8 +467,9 @@ def kink(method: Method) -> Iterator[Finding]:
 
     The acceleration gets a kink -c (t - t0)+ there. Where t0 is at the fraction theta of a step, a Runge-Kutta method
     has the velocity error -c h^2 (sum b_i (c_i - theta)+ - (1 - theta)^2/2). In EIG the weights of past accelerations
-    sum up to those of the trapezoidal rule, so that at every grade the error is -c h^2 B_2(theta)/2 with Bernoulli's
-    polynomial B_2, whose mean square is 1/180. So every order falls to 2. Without the kink the order is kept.
+    sum up to the weights of the trapezoidal rule, so that at every grade the error is -c h^2 B_2(theta)/2 with
+    Bernoulli's polynomial B_2, whose mean square is 1/180. So every order falls to 2. Without the kink the order is
+    kept.
     """
     theta = (np.arange(1000) + 0.5) / 1000
     if isinstance(method, EIG):
@@ -554,7 +555,7 @@ def _rms(errors: np.ndarray) -> float:
 
 @case(22, "order and drift with tolerances", "rk5", "rk8", "eig3")
 def order_with_tolerances(method: Method) -> Iterator[Finding]:
-    """The order: errors against the mean step, for two tolerances. The drift: that of the hardening spring's energy.
+    """The order: errors against the mean step, for two tolerances. The drift: in the energy of the hardening spring.
 
     Each step changes the energy a little, by its place in the period. Over each period this has a mean, so that twice
     the time has twice the drift; also with EIG-3, which keeps the energy with a fixed step.
@@ -591,8 +592,8 @@ def grazing(method: Method) -> Iterator[Finding]:
     """A dip of depth d below zero has its two zeros at arccos(1 - d) from its middle, in u = cos t.
 
     There the velocity is sqrt(2 d). An error of u, below 1e-9 here, is divided by it. The two zeros are far enough
-    apart for steps of 0.02. The zero of a dip of depth 0 is double: g does not change its sign, but round-off may make
-    it do so twice.
+    apart for steps of 0.02. The zero of a dip of depth 0 is double: g does not change its sign, but with round-off it
+    may change twice.
     """
 
     def times(depth: float) -> np.ndarray:

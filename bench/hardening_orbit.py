@@ -11,7 +11,7 @@ from eig3.kernels.methods.eig import ordinates, sigma
 from eig3.methods import Method
 from eig3.problems import hardening_spring
 
-S1, S2, AMPLITUDE = 100.0, 10.0, 1.5  # those of the article
+S1, S2, AMPLITUDE = 100.0, 10.0, 1.5  # as in the article
 
 _HARMONICS = np.arange(1, 32, 2)
 _PHASES = 64  # at which a step is taken; the mean over a period then converges to round-off

@@ -20,7 +20,7 @@ from .timing import Storage, kernel_run
 
 #: Steps of a timed run.
 N_STEPS = 500_000
-#: The methods whose steps are timed. Those of the article have loops written by hand.
+#: The methods whose steps are timed. Methods of the article also have loops written by hand.
 METHODS = (*ARTICLE_METHODS, "eig5", "eig9", "rk5", "rk8", "bm6")
 #: The article's problems, each with a step that is small enough for every method.
 ARTICLE_PROBLEMS = (

@@ -26,9 +26,9 @@ class Mode:
     is_inline : bool
         Whether the right-hand side is compiled into the kernel; otherwise, the kernel calls it through a pointer.
     is_whole : bool
-        Whether the time is that of the whole call, and not only that of the kernel.
+        Whether the whole call is timed, and not only its kernel.
     is_prepared : bool
-        Whether the call is that of a prepared run.
+        Whether a prepared run is called.
     """
 
     words: str
@@ -50,7 +50,7 @@ class Mode:
         return run
 
 
-#: By name. The first is the one that is shown unless another is chosen.
+#: By name. The first is shown by default.
 MODES = {
     "prepared": Mode("the whole call of a prepared run with the right-hand side compiled in", True, True, True),
     "integrate": Mode("the whole call of eig3.integrate", is_inline=False, is_whole=True),

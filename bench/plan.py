@@ -28,7 +28,7 @@ from .typed import checked
 SUMMARY = "what the first choice of eig3.plan costs against the best of a sweep"
 ACCURACIES = (1e-2, 1e-4, 1e-6, 1e-8)
 PLAN_METRICS = ("trajectory", "energy")
-MOST = 1.3  # largest ratio of the time of the first choice to that of the best
+MOST = 1.3  # largest ratio of the time of the first choice to the time of the best
 ERROR_RANGE = (0.1, 1.0)  # of a prediction, relative to the requested accuracy
 TIME_FACTOR = 1.5  # of a prediction
 _CONTENDERS = 3  # the fastest methods of the sweep, which are timed again beside the first choice
@@ -177,9 +177,9 @@ def benchmark(
 def how_measured(repeats: int) -> str:
     return (
         f"The first choice beside the {_CONTENDERS} fastest methods of a sweep, each at the step with which it reaches "
-        f"the accuracy: medians of {repeats} interleaved runs. A prediction hits with {ERROR_RANGE[0]} to "
-        f"{ERROR_RANGE[1]} of the requested error, or less with a note, and the predicted time to a factor of "
-        f"{TIME_FACTOR}; extrapolated predictions are left out."
+        f"the accuracy: medians of {repeats} interleaved runs. A prediction counts as right if the error is "
+        f"{ERROR_RANGE[0]} to {ERROR_RANGE[1]} of the requested error, or smaller with a note, and the time is right "
+        f"to a factor of {TIME_FACTOR}. Extrapolated predictions are not counted."
     )
 
 

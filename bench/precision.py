@@ -47,7 +47,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-rivals", dest="rivals", action="store_false", help="leave out the solvers of other packages"
     )
-    add_accuracies(parser, "those of each problem")
+    add_accuracies(parser, "the accuracies of each problem")
     add_out(parser, "folder for precision.json, precision.md and pictures")
 
 
@@ -106,10 +106,10 @@ def benchmark(
 def how_measured(repeats: int, longest: float, modes: Sequence[str]) -> str:
     words = "; or ".join(MODES[mode].words for mode in modes)
     return (
-        f"Times: medians of {repeats} interleaved runs, fewer if they take long; compiling left out. Of a method, the "
-        f"time is that of {words}. It keeps {STATES} states or more, or all if there are fewer. Of a rival, it is that "
-        f"of the whole call. The rivals compute {RIVAL_STATES} states by their dense output, as do the methods with "
-        f"tolerances. Steps are halved until a run takes {longest:g} s."
+        f"Times: medians of {repeats} interleaved runs, fewer if they take long, without compilation. Timed for a "
+        f"method: {words}. It keeps {STATES} states or more, or all if there are fewer. Timed for a rival: the whole "
+        f"call. Rivals and methods with tolerances compute {RIVAL_STATES} states by their dense output. Steps are "
+        f"halved until a run takes {longest:g} s."
     )
 
 
@@ -119,13 +119,13 @@ def render(result: WorkPrecisionSet) -> str:
     parts.append(f"Truth: {result.source}, known to {result.uncertainty:.1g} of max |u|.")
     if not result.is_claimed("trajectory", min(result.targets)):
         parts.append(
-            f"So nothing is said about who reaches an error of the trajectory below {CERTAIN * result.uncertainty:.1g}."
+            f"No method is therefore ranked for errors of the trajectory below {CERTAIN * result.uncertainty:.1g}."
         )
     for metric in result.metrics:
         parts += [render_reach(result, metric), render_contests(result, metric), render_front(result, metric)]
         parts += [render_tolerances(result, metric)] * result.tolerances
     if result.unstable:
-        parts.append(f"Unstable or useless, and kept in the pictures: {result.unstable}.")
+        parts.append(f"Unstable or too inaccurate, but in the pictures: {result.unstable}.")
     if result.skipped:
         parts.append(f"Left out: {'; '.join(result.skipped)}.")
     return "\n\n".join(parts)
@@ -175,7 +175,7 @@ def render_contests(result: WorkPrecisionSet, metric: str) -> str:
 
 
 def render_tolerances(result: WorkPrecisionSet, metric: str) -> str:
-    """The time of the fastest method with tolerances over that of each rival's package, and of fixed steps."""
+    """Return the table of ratios: fastest method with tolerances to fastest rival of a package, or fixed step."""
     packages = {rival.package: rival.label.partition(" ")[0] for rival in RIVALS.values()}
     others: dict[str, Callable[[str], bool]] = {
         **{name: partial(_is_of, package) for package, name in packages.items()},

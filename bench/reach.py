@@ -35,7 +35,7 @@ def reach(result: WorkPrecisionSet, method: str, metric: str, target: float) -> 
     """Interpolate, in logarithms, where the error of a method or rival falls below `target`, and not by chance.
 
     A setting counts if the next two finer ones are below the target too, as far as they were tried. None if there is no
-    such setting, or if the truth is not certain enough to say so. The points are those of one mode.
+    such setting, or if the truth is not certain enough to say so. All points belong to one mode.
     """
     if not result.is_claimed(metric, target):
         return None

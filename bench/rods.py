@@ -20,7 +20,7 @@ from .rivals import exudyn, mujoco
 ANGLE, T_END = 1.0, 0.5  # rad from the vertical, s
 ERROR = 1e-4  # m, of a chain of 1 m
 _STIFFNESS = 4e5  # N of a spring of the whole chain, which becomes 2e-5 m longer by its weight: in all a fifth of ERROR
-_MOST_IN_MUJOCO = 100  # rods: its files do not take a thousand bodies, each in the one before
+_MOST_IN_MUJOCO = 100  # rods: its files do not take a thousand nested bodies
 _NOTE = """Each method takes the fewest steps, among 50, 100, 200, ..., with which each mass ends within 0.1 mm of its
 place; the error is in m. exudyn has point masses and constraints of their distances, and its implicit trapezoidal rule.
 MuJoCo has no constraints here, because its own are soft: the joints of its chain are angles. Its RK4 evaluates four

@@ -61,9 +61,9 @@ _HEADING = (
     "form if there is one; by the eigenvalues of the kernel's amplification matrix; and by runs of that kernel. The "
     f"runs bisect h between steps that stay bounded and steps that grow {_GROWN:,.0f} times in at most "
     f"{MOST_STEPS:,} steps, which finds a limit to {RESOLUTION:g} of it. A root of EIG of grade g is -1 where "
-    "S Omega^2 + 4 xi (S + 2 K) Omega = 4, with S the sum of sigma_j 2^j over j < g - 1 and K that of kappa_j 2^j over "
-    "j < g - 2. Beyond the limits of EIG-8 and RK5, and in BM6's short intervals of unstable steps, the motion grows "
-    "too slowly for these runs."
+    "S Omega^2 + 4 xi (S + 2 K) Omega = 4, with S the sum of sigma_j 2^j over j < g - 1, and K the sum of kappa_j 2^j "
+    "over j < g - 2. Beyond the limits of EIG-8 and RK5, and in BM6's short intervals of unstable steps, the motion "
+    "grows too slowly for these runs."
 )
 
 

@@ -280,7 +280,7 @@ def all_limits() -> Figure:
     panels[0].set_ylabel(r"limit of $\Omega = \omega h$ (rad)")
     panels[1].set_ylabel(r"limit of $\Omega$ by evaluations per step (rad)")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center")
-    figure.suptitle("Stability limits of all methods; those of the article are thin")
+    figure.suptitle("Stability limits of all methods; thin lines: methods of the article")
     return figure
 
 

@@ -36,7 +36,7 @@ SUMMARY = "structures with up to a million degrees of freedom, beside C, SciPy a
 SIDES = 6, 14, 32, 69  # elements of a side of the cube: 10^3, 10^4, 10^5 and 10^6 degrees of freedom
 _SOURCE = Path(__file__).parent / "c_sources" / "structure.c"
 _CONSISTENT = 20_000  # degrees of freedom up to which the consistent mass is factored
-_IN_MEMORY = 5_000  # degrees of freedom; the time of a smaller stiffness is that of NumPy's call
+_IN_MEMORY = 5_000  # degrees of freedom; with a smaller stiffness, the call of NumPy takes most of the time
 _OPENSEES = {"CentralDifference": 10_000, "Newmark": 1_000}  # degrees of freedom; beyond, a step takes seconds
 _STEPS_OF_OPENSEES = 10
 _SECONDS = 0.2  # of a run
@@ -66,7 +66,7 @@ def benchmark(
     write(f"Machine: {in_words()}")
     write(f"C: {version()}, -O3 -march=native")
     write(f"OpenSees: {opensees.version()}")
-    write("Elastic cubes, no state stored; medians of interleaved runs. Entries are those of the stiffness.\n")
+    write("Elastic cubes, no state stored; medians of interleaved runs. Entries: nonzeros of the stiffness.\n")
     rows, found = [], {}
     for side in sides:
         seconds, entries = compare(side, threads, repeats)
@@ -82,9 +82,7 @@ def benchmark(
             for name, value in seconds.items()
         ]
     write(text.table(HEADER, rows))
-    write(
-        "\nThe first method with an error of the displacements below 1 % of the largest one, over the whole motion:\n"
-    )
+    write("\nThe fastest method for an error of 1 % of the largest displacement, over the whole motion:\n")
     write(text.table(REACHED, [row for name, problem in motions().items() for row in reach(name, problem, repeats)]))
     return found
 
@@ -172,7 +170,7 @@ def _read(size: int, steps: int) -> float:
 
 
 def _consistent(side: int) -> Any:
-    """The consistent mass of the cube: the product of those of bars in the three directions."""
+    """Return the consistent mass of the cube: the product of the masses of bars in the three directions."""
     import scipy.sparse
 
     n = side + 1

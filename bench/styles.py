@@ -85,7 +85,7 @@ _STYLES = {
 
 
 def style_of(method: str) -> Style:
-    """The style of a method or rival. A method without one of its own is grey and has its first two letters."""
+    """The style of a method or rival. A method without a style is grey, and its sign is its first two letters."""
     return _STYLES.get(method, Style(_GREY, "circle", method[:2], "."))
 
 

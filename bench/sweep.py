@@ -146,7 +146,7 @@ class WorkPrecisionSet:
         return [mode for mode in MODES if any(point.mode == mode for point in self.points)]
 
     def in_mode(self, mode: str) -> WorkPrecisionSet:
-        """The points of one mode, and those of the rivals; the command is the one for this mode."""
+        """Return the points of one mode and of the rivals, with the command for this mode."""
         points = [point for point in self.points if point.mode in (mode, "")]
         command = self.command
         if self.is_of_the_library:

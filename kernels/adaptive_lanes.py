@@ -1,9 +1,9 @@
 # ruff: noqa: F821
 """Runs with tolerances of many trajectories at once, in the lanes of SIMD registers.
 
-Each lane has its own time, step, error and acceptance, which are selected without branches. A trajectory that has
-ended hands its lane to the next one at once: no lane waits. The formulas of the steps, of the error and of the control
-are those of a single run, see `eig3.kernels.loops.variable`. What happens rarely is left to a single run: a step below
+Each lane has its own time, step, error and acceptance, which are selected without branches. A trajectory that has ended
+hands its lane to the next one at once: no lane waits. The formulas of the steps, the error and the step control are
+shared with single runs, see `eig3.kernels.loops.variable`. What happens rarely is left to a single run: a step below
 the resolution of the time, too many steps, a force that does not act yet. LOOKS says for what the kernel looks: events
 and wanted times, see `eig3.kernels.lane_events`, or nothing.
 
@@ -67,9 +67,9 @@ _project_at = function_at(float64(float64, *[vector_type] * 3))
 class LaneRows(NamedTuple):
     """The rows with one value for each lane.
 
-    `there` is the time of a stage, `step` the step of the trial, and `h` the one after it. `before` is the step before,
+    `there` is the time of a stage, `step` the step of the trial, and `h` the next step. `before` is the step before,
     and `error` the logarithm of its error. The error of a trial is relative to at least `u_least` and `v_least`, and v
-    has no size of its own up to `v_blur`. `bad` is `BAD` if a single run has to take the trajectory, and `STOPPED` if
+    has no separate size up to `v_blur`. `bad` is `BAD` if a single run has to take the trajectory, and `STOPPED` if
     an event has ended it. `ok` is 1 if the trial was accepted, and `sees` says what is to be seen in it. The last rows
     are for sums and maxima.
     """
@@ -138,8 +138,8 @@ class Trajectories(NamedTuple):
 def adaptive(rhs, alone, project, count, span, block, trajectories, sight, look):
     """Take `count` steps in each lane, or fewer if all trajectories end, or if the log is full. Return their number.
 
-    `rhs` is the address of the right-hand side for lanes, and `alone` of that for one trajectory. `project` is that of
-    the projection for lanes, or 0 without constraints. Of the rows and the parameters of `span`, none are used.
+    `rhs`, `alone` and `project` are addresses: the right-hand side for lanes and for one trajectory, and the projection
+    for lanes, or 0 without constraints. Of the rows and the parameters of `span`, none are used.
     """
     s, members, place, atol, t_end = block.values, block.members, block.place, span.atol, span.t_end
     y = ROWS(s)
@@ -372,7 +372,7 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int, looks: int) -> 
     Parameters
     ----------
     module : str
-        The file with the formulas of the method, which are those of a `Pair`.
+        The file with the formulas of the method, a `Pair`.
     form : Form
     n, lanes : int
     looks : int

@@ -1,4 +1,4 @@
-"""Points that rigid bodies carry: from the coordinates of a scene to those of all points, and from forces back.
+"""Points that rigid bodies carry: their coordinates follow from a scene's coordinates, and their forces act on these.
 
 A carried point is at the sum of the positions of some masses, times factors. A force on it is a force on these masses,
 times the same factors. In the arrays of all points, carried points follow the masses, and have the mass 1; what follows
@@ -30,7 +30,7 @@ def spread(x, everything, own, count, begins, parts, factors, d):
 
 @of_library(none(_floats, _floats, int64, int64, _integers, _integers, _floats, _floats, int64))
 def gather(everything, x, own, count, begins, parts, factors, weights, d):
-    """Write the accelerations of the masses, from those of all points."""
+    """Write the accelerations of the masses, from the accelerations of all points."""
     for axis in range(d):
         for i in range(own):
             x[axis * own + i] = everything[axis * count + i]

@@ -1,12 +1,12 @@
 # ruff: noqa: F821
 """Scenes with few constraints in the lanes of SIMD registers: their accelerations, a step of EIG-3, and the projection.
 
-The formulas are those of `eig3.kernels.constraints`. There, a table in p says which arms and points belong to a row,
+The formulas are in `eig3.kernels.constraints`. There, a table in p says which arms and points belong to a row,
 and what is computed on the way is in p too. Here, the rows are straight lines of source, written by the scene: see
 `eig3.scene.unrolled_text`. Each of the parts, such as `stand`, is one loop over the lanes. What a lane needs from one
 loop to the next, such as S, has its room on the stack.
 
-Newton's iteration goes on until the last lane has converged. A lane that has, stays as it is: its numbers do not depend
+Newton's iteration runs until the last lane has converged. A lane that has, stays as it is: its numbers do not depend
 on the others.
 """
 
@@ -33,7 +33,7 @@ from .protocol import VECTOR, vector_type
 CONVERGED, LOST = 0.0, -1.0
 
 _given, _written = VECTOR.rhs.args[1], vector_type
-_KINDS = {  # the arguments of the functions of a block: those of one lane in small letters, and how to get them
+_KINDS = {  # the arguments of the functions of a block: in small letters for one lane, and how to get them
     "react": (none(_given, _given, _given, _written), "uvpa"),
     "stand": (none(_given, _given, _written), "upr"),
     "approach": (int64(_given, _written, _given, _written), "uxpr"),

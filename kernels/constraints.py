@@ -14,7 +14,7 @@ profile, as L D L^T. Three things follow from a solve with it:
     the position        u - W G_0^T l        with  phi(t, u - W G_0^T l) = 0
 
 The last one is found by Newton's method with the matrix S of the begin of the step: it converges at the rate at which
-the gradients turn in a step. The formulas are those of SHAKE and RATTLE: E. Hairer, C. Lubich and G. Wanner, Geometric
+the gradients turn in a step. These are the formulas of SHAKE and RATTLE: E. Hairer, C. Lubich and G. Wanner, Geometric
 Numerical Integration, 2nd ed., Springer (2006), section VII.1.
 """
 
@@ -44,8 +44,8 @@ PLACE, SPEED = map(np.int64, range(2))
 
 MOST_ITERATIONS = 60
 EPS = np.finfo(np.float64).eps
-CLOSE = 1e-9  # the residual, as a part of the largest length, at which an iteration may end because it no longer falls
-SINGULAR = 1e-13  # a pivot, as a part of the entry on the diagonal
+CLOSE = 1e-9  # the residual, relative to the largest length, at which an iteration may end because it no longer falls
+SINGULAR = 1e-13  # a pivot, relative to the entry on the diagonal
 
 
 class Areas(NamedTuple):
@@ -63,7 +63,7 @@ class Areas(NamedTuple):
     parts : array of floats
         The factor of the arm in each entry.
     scales, targets, target_rates, target_curvatures : array of a float for each row
-        s, which is 0 for a constraint of its own; c; s c', the rate at which phi falls in a fixed state; and c''.
+        s, which is 0 for a constraint of the user; c; s c', the rate at which phi falls in a fixed state; and c''.
     values, multipliers, pivots : array of a float for each row
         phi, l, and the inverses of D.
     profile : array of floats

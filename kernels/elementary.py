@@ -1,4 +1,4 @@
-"""Elementary functions without branches or calls, so that a loop over them is vectorised: those of `eig3.math`.
+"""The functions of `eig3.math`: without branches or calls, so that a loop over them is vectorised.
 
 ``math.sin`` and its kind call the C library once for each number, also inside a loop over many members. The functions
 here are arithmetic only: LLVM computes several numbers with each instruction. They work in every function compiled by
@@ -20,7 +20,7 @@ from .compile.cache import keep_on_disk
 from .compile.jit import KERNEL_OPTIONS
 
 #: The sum of a number below 2^51 and this one is rounded to an integer, which is in the low bits of the sum. A
-#: conversion to an integer would do the same, but most processors convert only one number at a time.
+#: conversion to an integer is possible too, but most processors convert only one number at a time.
 _ROUND = 6755399441055744.0  # 1.5 * 2^52
 _ROUND_BITS = 0x4338000000000000
 
@@ -124,7 +124,7 @@ def sincos(x: float) -> tuple[float, float]:
     Notes
     -----
     Multiples of pi / 2 are subtracted as by Cody and Waite, in four parts, so that the error bound also holds beside
-    the zeros. Beyond 1e8 the differences would not be exact. The polynomials are those of fdlibm.
+    the zeros. Beyond 1e8 the differences would not be exact. The polynomials are from fdlibm.
     """
     x = _number(x)
     known = x if abs(x) <= _LARGEST_ANGLE else math.nan

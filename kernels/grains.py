@@ -1,9 +1,9 @@
-"""The springs along the surfaces of grains that touch each other, which are kept in p as a part of the state of a run.
+"""The springs along the surfaces of grains that touch each other. They are kept in p, with the state of a run.
 
 A contact has a tangential spring, whose force e grows with the tangential velocity w of the surfaces: e' = k w, with a
 stiffness k that may depend on the indentation. Where k falls, e falls with it, so that a contact that opens gives back
 no more energy than it has taken: C. Thornton, S. J. Cummins and P. W. Cleary, Powder Technology 233 (2013). e is at
-most that of Coulomb's limit, as in P. A. Cundall and O. D. L. Strack, Geotechnique 29 (1979).
+most Coulomb's limit, as in P. A. Cundall and O. D. L. Strack, Geotechnique 29 (1979).
 
 A table has e, its rate k w and k of each contact at the end of the last step, at the time t_c. In a state at the time t
 
@@ -12,7 +12,7 @@ A table has e, its rate k w and k of each contact at the end of the last step, a
 turned into the present tangential plane and cut to the limit. So a trial state changes nothing, and the order is two.
 There are two tables: the next one is written while this one is read. The contacts of a mass, with mates of larger
 numbers, are in the order of the list of neighbours, which may be built anew meanwhile. Threads that share the grains
-write to parts of the next table; if one of them is full, they go on one after the other.
+write to parts of the next table; if one of them is full, they continue one after the other.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .compile.jit import element
 from .neighbours import bounds
 from .protocol import index
 
-#: The numbers before the tables: the time t_c; which table is that of this time; and of the next one, whether its parts
+#: The numbers before the tables: the time t_c; which table has this time; and of the next table, whether its parts
 #: are written one after the other, how many contacts it has then, and whether a part had no room.
 TIME, TABLE, IN_TURN, COUNT, IS_FULL = range(5)
 HEAD = 5
@@ -73,7 +73,7 @@ def turned(ex, ey, ez, nx, ny, nz):
 
 @element
 def stretched(held, h, since, k, wx, wy, wz, nx, ny, nz, limit):
-    """Return the force of a spring at the time `since` after that of its table; it is new if h is negative."""
+    """Return the force of a spring at the time `since` after the time of its table; it is new if h is negative."""
     half = since / 2
     ex = ey = ez = 0.0
     if h >= 0:
@@ -150,7 +150,7 @@ def refuse(kept, springs):
 
 @element
 def take_next(t, kept, springs):
-    """Go on to the next table, whose time is t."""
+    """Take the next table, whose time is t."""
     kept[springs + TIME], kept[springs + TABLE] = t, 1.0 - kept[springs + TABLE]
 
 

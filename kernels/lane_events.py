@@ -2,8 +2,8 @@
 """What happens within a step of one lane: events, and times at which the state is wanted.
 
 The lanes look only whether the function of an event has another sign at the end of a step, or whether a wanted time has
-passed. A lane in which this is so is looked at alone: its rows are copied to those of a single run, and the functions
-of single runs find the events, apply their resets, and evaluate the dense output.
+passed. Such a lane is examined alone: its rows are copied to the rows of a single run, and the functions of single
+runs find the events, apply their resets, and evaluate the dense output.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Sight(NamedTuple):
     due : ndarray, shape (lanes,)
         The next wanted time; infinity if there is none.
     tallies : ndarray, shape (lanes, k)
-        The tally of each lane, as that of a single run.
+        The tally of each lane, as in a single run.
     members : ndarray of int
         The trajectory of each row of the log of occurrences.
     logged : ndarray of int, shape (1,)
@@ -138,7 +138,7 @@ def look_alone(lane, alone, span, own, of, block, sight, look):
             one[k, d] = s[(k * N + d) * LANES + lane]
     y, f = ROWS_OF(one, ROWS), ALONE_AT(alone)
     t, step, t_end = of.there[lane], of.step[lane], of.time[lane]
-    u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
+    (u_there, v_there), coefficients = ROWS_OF(watch.work, 2), watch.work[2:]
     u_end, v_end = y[U_END], y[V_END]
     DENSE(f, t, step, own, N, y, coefficients)
     outcome, part, t_stop, first = PASSED, 1.0, t_end, sight.logged[0]

@@ -36,7 +36,7 @@ STOP_TIME, STOP_EVENT, STOP_COST, STOP_ROWS = range(4)
 
 
 def search_steps(address, look, tally, t0, times, sides, states, params, found):
-    """Search a step of each of some trajectories; `times` has those of its ends, shape (trajectories, 2).
+    """Search a step of each of some trajectories; `times` has its two ends, shape (trajectories, 2).
 
     `sides` has the side of the zero on which each g was before, for a g that is zero at the start of the step. `states`
     has u and v at its start and at its end, shape (4, trajectories, n). Where an event ends a trajectory, the latter

@@ -71,7 +71,7 @@ _CELLS, _GUARD_ROWS = 64, 4  # of NaN after the parameters: shared ones, and tho
 _QUANTITY = none(float64, *[vector_type] * 8)
 quantity_at = function_at(_QUANTITY)
 
-#: Rows of the parameters that follow those of rhs if each trajectory has its own step: h and t0.
+#: Rows of parameters that follow the parameters of rhs if each trajectory has its own step: h and t0.
 OWN_STEP_ROWS = 2
 
 
@@ -118,7 +118,7 @@ def returned(t, u, v, p, out, low, high, t_low, t_high):
 
 
 def written(t, u, v, p, out, low, high, t_low, t_high):
-    """Do the same for a function that writes its values."""
+    """As `returned`, for a function that writes its values."""
     velocities = v
     if HAS_OWN_STEP > 0:
         velocities = VELOCITIES(p, 0)
@@ -159,7 +159,7 @@ def watched(t, u, v, p, out, low, high, t_low, t_high):
 
 
 def caught(t, u, v, p, out, low, high, t_low, t_high):
-    """Keep each value of u in `out`, and of v in `t_low`, at the first step after a time of its own.
+    """Keep each value of u in `out`, and of v in `t_low`, at the first step after its time.
 
     `low` has these times in their order, and `high` the places of the values to which they belong. `t_high[0]` is the
     number of those that have passed.
@@ -250,7 +250,7 @@ class Layout:
     shares_params : bool
         Whether the array p begins with one set of parameters for all trajectories, and not with k rows of lanes.
     has_own_step : bool
-        Whether p goes on with the rows h and t0, and n rows of scratch.
+        Whether p continues with the rows h and t0, and n rows of scratch.
     has_own_times : bool
         Whether the right-hand side gets an array with a time for each lane.
     """
@@ -415,7 +415,7 @@ def _obstacle(result: Any) -> str:
     if called:
         names = ", ".join(sorted(called))
         return f"it calls {names} of the C library for each member separately; use the functions of eig3.math"
-    body = code[code.index("define") :].partition("\n}")[0]  # that of the function; its wrappers follow
+    body = code[code.index("define") :].partition("\n}")[0]  # the body of the function; its wrappers follow
     if not is_vectorised and re.search(r"^\s*br ", body, re.MULTILINE):  # a constant force needs neither
         return "it has branches or loops that do not work for several members at once; choose between simple values"
     return ""

@@ -2,7 +2,7 @@
 
 A list has the pairs within their cutoff and a skin. It is valid until a point has moved by half of the skin; then it is
 built anew from cells. Pairs beyond their cutoff do not act, and those that act are in the order of their points. So the
-forces have the same bits whenever the list was built: it is a memo, and a run may go on from any copy of it.
+forces have the same bits whenever the list was built, and a run may continue from any copy of it.
 
 A list that does not fit into its memory has no skin, and is built piece by piece in each evaluation: as many points at
 a time as there is room for.
@@ -11,8 +11,8 @@ Threads share the points: each has a part of them, which follow each other. A pa
 list of both. Each part adds the forces on its own points only, in the order in which one thread adds them, so that the
 forces have the same bits for any number of threads.
 
-The method is that of L. Verlet, Physical Review 159 (1967), with the cells of R. W. Hockney and J. W. Eastwood,
-Computer Simulation Using Particles (1981), in a hash table, as that of M. Teschner et al., Optimized Spatial Hashing
+The method is by L. Verlet, Physical Review 159 (1967), with the cells of R. W. Hockney and J. W. Eastwood,
+Computer Simulation Using Particles (1981), in a hash table, as by M. Teschner et al., Optimized Spatial Hashing
 for Collision Detection of Deformable Objects (2003): the time does not depend on how far apart the points are.
 
 All numbers are in p, from the index `place` on: first the numbers below, then the areas that `Areas` names. The number
@@ -221,7 +221,9 @@ def scan(t, u, p, place, part, parts, d):
     In a box that shears, what a point moves with the flow since then counts for the way between two points only.
     """
     if p[place + MARK] != IS_LIST:
-        raise ValueError("params must be those of the scene in double precision: lists of neighbours are among them.")
+        raise ValueError(
+            "params must be the parameters of the scene in double precision: its neighbor lists are among them."
+        )
     count, stride = int(p[place + POINTS]), int(p[place + STRIDE])
     x, built = floats(p, area(p, place, X), d * count), floats(p, area(p, place, BUILT), d * count)
     index = integers(p, area(p, place, NUMBER), count)
@@ -268,7 +270,7 @@ def begin(t, p, place, parts, d):
 
 @element
 def first_skin(p, place):
-    """Return the skin to be tried first: that of the list, unless it had no room for the last pairs with a skin."""
+    """Return the skin to be tried first: the skin of the list, unless it had no room for the last pairs with a skin."""
     masses = int(p[place + MASSES])
     if p[place + PRESENT_SKIN] > 0:
         return p[place + SKIN]
@@ -282,7 +284,7 @@ def first_skin(p, place):
 def is_built(p, place, d):
     """Return whether the list has all pairs for which there is room; if there may be more room, prepare to try again.
 
-    All parts in one have more room than those of which one is full, and there are fewer pairs within a smaller skin.
+    One part alone has more room than several parts, one of which is full, and a smaller skin has fewer pairs.
     """
     parts, is_whole, head = int(p[place + PARTS]), True, floats(p, place, HEAD)
     for part in range(parts):
@@ -304,8 +306,8 @@ def is_built(p, place, d):
 def listed(p, place, start, end, d):
     """Return the number of the first points whose pairs are in the list, up to `end`, if `start` is where it begins.
 
-    Otherwise the pairs of the points before `start` have been looked at, and the list goes on with those that follow:
-    then it has one part, for which there is no room at once.
+    Otherwise the pairs of the points before `start` have been looked at, and the list continues with the points that
+    follow: then it has one part, for which there is no room at once.
     """
     if start == 0 or p[place + LISTED] == p[place + MASSES]:
         return min(end, int(p[place + LISTED]))
@@ -324,7 +326,7 @@ def build(p, place, part, parts, d):
 def pairs_of(p, place, start, end, lowest, low, high, d):
     """Write the pairs of the points from `start` to `end` to the list, within their cutoffs and the skin.
 
-    These are pairs with points of larger numbers, from the place `low` of the list on, and with those of numbers below
+    These are pairs with points of larger numbers, from the place `low` of the list on, and with points of numbers below
     `lowest`, up to the place `high`. Return the number of the first point for whose pairs there is no room.
     """
     count, masses, room = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + ROOM])

@@ -11,7 +11,17 @@ from numba.extending import intrinsic
 from numba.types import Array, float64, int64, none
 
 from .compile.jit import element, function_at
-from .compile.numba_internals import Cell, array_over, copy_on_stack, entries_of, floats_on_stack, parts_of
+from .compile.numba_internals import (
+    Cell,
+    Row,
+    array_over,
+    copy_on_stack,
+    entries_of,
+    floats_on_stack,
+    parts_of,
+    parts_of_row,
+    row_over,
+)
 
 #: The entries of a kernel's `tally`: two counts, and the residual and the degree of freedom of a failed solve.
 EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
@@ -135,11 +145,12 @@ class Follow(NamedTuple):
 
     `out` has the values in the latest state. `extremes` are those over all states so far, see `LOW`, and `steps` the
     lowest and highest values at the ends of steps and at events only. `parts` has such two rows for each of the last
-    parts of the run, and `forward` has 1.0 for each degree of freedom with v > 0 at the end of the part, else 0.0: that
-    of a part is row part % PARTS. A part ends with a step index, and is longer by a fifth than those before together.
+    parts of the run, and `forward` has 1.0 for each degree of freedom with v > 0 at the end of the part, else 0.0: a
+    part has the row part % PARTS. A part ends with a step index, and is longer by a fifth than those before together.
 
-    `advance` is the address of the function that changes what p remembers, after each step, or 0; and `project` that of
-    the function that moves the state to the nearest one which keeps the constraints, before all else.
+    `advance` is the address of the function that advances the history in p after each step, or 0. `project` is the
+    address of the function that moves the state to the nearest state that satisfies the constraints, before all else,
+    or 0.
     """
 
     table: Any
@@ -201,6 +212,7 @@ class Work(NamedTuple):
 
 
 vector_type, matrix_type = Array(float64, 1, "C"), Array(float64, 2, "C")
+row_type = Row()
 _given = Array(float64, 1, "C", readonly=True)  # a callback that writes to such an array does not compile
 
 
@@ -260,12 +272,31 @@ class Form:
 
     def with_rows(self, kind: str, function: Any) -> Any:
         """Return an element that calls a jitted function with rows."""
-        call = self.calls.get(kind)
-        if call is None:
-            return function
-        if kind in ("invariant", "apply"):
+        returns = kind in ("invariant", "apply")
+        call = self.calls.get(kind, value_of_arrays if returns else values_of_arrays)
+        if returns:
             return element(lambda t, u, v, p: call(t, u, v, p, function))
         return element(lambda t, u, v, p, out: call(t, u, v, p, out, function))
+
+
+@intrinsic
+def array_of(typingctx, row):
+    """``array_of(row)`` returns a row as an array; an array is returned as it is."""
+
+    def codegen(context, builder, signature, args):
+        return context.cast(builder, args[0], row, signature.return_type)
+
+    return (vector_type if isinstance(row, Row) else row)(row), codegen
+
+
+@element
+def value_of_arrays(t, u, v, p, function):
+    return function(t, array_of(u), array_of(v), p)
+
+
+@element
+def values_of_arrays(t, u, v, p, out, function):
+    function(t, array_of(u), array_of(v), p, array_of(out))
 
 
 @element
@@ -370,13 +401,13 @@ def store_at(typingctx, address, index, value):
 @intrinsic(prefer_literal=True)
 def rows(typingctx, state, count):
     """``rows(state, count)`` returns the first `count` rows of a 2-D array as a tuple; `count` is a literal."""
-    kind = types.UniTuple(vector_type, count.literal_value)
+    kind = types.UniTuple(row_type, count.literal_value)
 
     def codegen(context, builder, signature, args):
         source = parts_of(context, builder, signature.args[0], args[0])
         n = source.shape[1]
         begins = (builder.mul(n, context.get_constant(types.intp, k)) for k in range(count.literal_value))
-        values = [_array(context, builder, builder.gep(source.data, [begin]), n) for begin in begins]
+        values = [row_over(context, builder, builder.gep(source.data, [begin]), n) for begin in begins]
         return context.make_tuple(builder, kind, values)
 
     return kind(state, count), codegen
@@ -424,17 +455,17 @@ def stack_cells(typingctx, n, count):
 
 @intrinsic(prefer_literal=True)
 def stack_rows(typingctx, n, count):
-    """``stack_rows(n, count)`` returns a tuple of `count` arrays of n values on the stack; both are literals.
+    """``stack_rows(n, count)`` returns a tuple of `count` rows of n values on the stack; both are literals.
 
-    After LLVM has unrolled the loops over n, it keeps these arrays in registers.
+    After LLVM has unrolled the loops over n, it keeps these rows in registers.
     """
-    kind = types.UniTuple(vector_type, count.literal_value)
+    kind = types.UniTuple(row_type, count.literal_value)
 
     def codegen(context, builder, signature, args):
         size = context.get_constant(types.intp, n.literal_value)
         values = []
         for _ in range(count.literal_value):
-            values.append(_array(context, builder, floats_on_stack(builder, n.literal_value), size))
+            values.append(row_over(context, builder, floats_on_stack(builder, n.literal_value), size))
         return context.make_tuple(builder, kind, values)
 
     return kind(n, count), codegen
@@ -451,7 +482,7 @@ def copy_rows(typingctx, target, source, n):
         def places(rows: Any) -> list[Any]:
             arrays = entries_of(builder, rows, len(target))
             is_cell = target.dtype == _cell
-            data = arrays if is_cell else [parts_of(context, builder, vector_type, array).data for array in arrays]
+            data = arrays if is_cell else [parts_of_row(builder, row)[0] for row in arrays]
             return [builder.gep(d, [context.get_constant(types.intp, j)]) for d in data for j in range(n.literal_value)]
 
         values = [builder.load(place) for place in places(args[1])]
@@ -464,12 +495,13 @@ def copy_rows(typingctx, target, source, n):
 
 @intrinsic
 def row_index(typingctx, row, state):
-    """``row_index(row, state)`` returns the number of the row of a 2-D array that is the 1-D array `row`."""
+    """``row_index(row, state)`` returns which row of a 2-D array a `Row` is."""
 
     def codegen(context, builder, signature, args):
-        arrays = [parts_of(context, builder, kind, x) for kind, x in zip(signature.args, args, strict=True)]
-        begin, origin = (builder.ptrtoint(array.data, context.get_value_type(types.intp)) for array in arrays)
-        return builder.sdiv(builder.sub(begin, origin), arrays[1].strides[0])
+        array = parts_of(context, builder, state, args[1])
+        places = parts_of_row(builder, args[0])[0], array.data
+        begin, origin = (builder.ptrtoint(place, context.get_value_type(types.intp)) for place in places)
+        return builder.sdiv(builder.sub(begin, origin), array.strides[0])
 
     return int64(row, state), codegen
 
@@ -482,5 +514,5 @@ def _array(context: Any, builder: Any, data: Any, n: Any) -> Any:
 #: ``look_at(address)`` returns the `Look` at an address, without `within`, and ``look_within_at(address)`` with it.
 look_at, look_within_at = record_at(LOOK), record_at(LOOK_WITHIN)
 
-#: ``span_at(address)`` returns the `Span` at an address.
-span_at = record_at(SPAN)
+#: ``steps_at(address)`` and ``span_at(address)`` return the `Steps` and the `Span` at an address.
+steps_at, span_at = record_at(STEPS), record_at(SPAN)

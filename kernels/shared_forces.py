@@ -5,8 +5,8 @@ from .grains import IN_TURN, IS_FULL, take_next, write_in_turn
 from .neighbours import BEGIN, CHECK, FINISH, PARTS, REFRESH
 from .team import THREADS, board_at, board_of, together
 
-#: What the threads share: all forces but those of the lists, and then, from LISTS + STAGES times the number of a list
-#: on, the stages of `update`, `add_forces` and `advance_springs`.
+#: What the threads share: all forces except the pair forces of the lists, and then, from LISTS + STAGES times the
+#: number of a list on, the stages of `update`, `add_forces` and `advance_springs`.
 OWN, LISTS = 0, 1
 SCANNING, BUILDING, ACTING, ADVANCING = range(4)
 STAGES = 4
@@ -14,7 +14,7 @@ STAGES = 4
 
 @element
 def set_forces(share, t, u, v, p, a, team):
-    """Set a to the accelerations by all forces but those of the lists, with the threads of the team in p, if any.
+    """Set a to the accelerations by all forces except pair forces, with the threads of the team in p, if any.
 
     ``share(stage, part, parts, t, u, v, p, a)`` does a part of a stage.
     """
@@ -27,7 +27,7 @@ def set_forces(share, t, u, v, p, a, team):
 
 @element
 def update(share, lists, number, board, t, u, v, p, a, place):
-    """Bring a list up to date; return the number of its parts. `number` and `place` are those of the list."""
+    """Bring a list up to date; return the number of its parts. The list has this `number` and `place`."""
     first = LISTS + number * STAGES
     if board == 0:
         lists(REFRESH, t, u, p, place, place, place)

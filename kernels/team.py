@@ -19,7 +19,7 @@ from .compile.jit import compile_kernel, element, function_at
 from .compile.numba_internals import array_over, parts_of
 from .protocol import vector_type
 
-#: The places on the board, each of those that change often in a cache line of its own: the ticket, the number of parts
+#: The places on the board; places that change often have separate cache lines: the ticket, the number of parts
 #: that are done, whether a part has failed, whether the threads shall leave, and the job with the six numbers of its
 #: arrays: where u, v, p and a are, and the sizes of u and p. The number of threads is last.
 TICKET, DONE, FAILED, LEAVE, JOB, THREADS = 0, 8, 16, 24, 32, 40
@@ -28,8 +28,8 @@ _PHASE, _TIME, _U, _V, _P, _A, _U_SIZE, _P_SIZE = range(JOB, JOB + 8)
 _PARTS, _NEXT, _MASK = 2**16, 1, 2**16 - 1  # a ticket is (job number, parts, next part), of 32, 16 and 16 bits
 _PATIENCE = 2**20  # looks at the ticket before a thread sleeps: some milliseconds
 
-#: The places of the team in p: the address of the board, or 0; that of p itself, because a copy of p has no team; and
-#: the number of threads that is wanted.
+#: The places of the team in p: the address of the board, or 0; the address of p itself, because a copy of p has no
+#: team; and the number of threads that is wanted.
 BOARD, SELF, WANTED = range(3)
 #: ``share(phase, part, parts, t, u, v, p, a)`` does a part of a job.
 SHARE = none(int64, int64, int64, float64, *[vector_type] * 4)
@@ -179,7 +179,7 @@ def together(share, board, phase, parts, t, u, v, p, a):
 def serving(board, address):
     """Do parts of the jobs that are posted at a board, until none was posted for some time.
 
-    `address` is that of the function `share`. Return whether to go on later.
+    `address` is the address of the function `share`. Return whether to continue later.
     """
     share, patience = FUNCTION(address), _PATIENCE  # noqa: F821
     while patience > 0:

@@ -1,4 +1,4 @@
-"""Arenstorf's orbit: a spacecraft in the turning frame of the earth and the moon, whose path closes after 17.07."""
+"""Arenstorf's orbit: a spacecraft in the rotating frame of the earth and the moon, whose orbit has the period 17.07."""
 
 import math
 
@@ -24,7 +24,7 @@ def rhs(t, u, v, p, a):
 
 @jit
 def energy(t, u, v, p):
-    """Jacobi's integral in the turning frame, of which the Jacobi constant is -2 times."""
+    """Jacobi's integral in the rotating frame: the Jacobi constant divided by -2."""
     x, y, mu = u[0], u[1], p[0]
     potential = (1 - mu) / math.hypot(x + mu, y) + mu / math.hypot(x - (1 - mu), y)
     return (v[0] * v[0] + v[1] * v[1] - x * x - y * y) / 2 - potential
@@ -35,13 +35,14 @@ def arenstorf(
 ) -> Problem:
     """The restricted three-body problem in the plane, from a start at rest in x on the line through both bodies.
 
-    u is the place (x, y) in the frame that turns with the bodies. The earth is at (-mu, 0) and the moon at (1 - mu, 0).
-    Nothing has units: the bodies are at the distance 1, and turn at the rate 1 about their common centre.
+    u is the position (x, y) in the frame that rotates with the bodies. The earth is at x = -mu and the moon at
+    x = 1 - mu. All quantities are dimensionless: the bodies are at the distance 1 and rotate at the rate 1 about their
+    centre of mass.
 
     Parameters
     ----------
     mu : float
-        Mass of the moon as a part of the mass of both bodies; positive, and at most 0.5.
+        Mass of the moon divided by the mass of both bodies; positive, and at most 0.5.
     x : float
         x at t = 0; y is zero there.
     vy : float

@@ -1,4 +1,4 @@
-"""Liquid argon: atoms in a periodic box, with the forces between those that are near each other."""
+"""Liquid argon: atoms in a periodic box, with pair forces up to a cutoff."""
 
 from dataclasses import replace
 

@@ -31,13 +31,13 @@ def bounce(t, u, v, p):
 def bouncing_ball(restitution: float = 0.8, h0: float = 1.0, g: float = 9.81, t_end: float | None = None) -> Problem:
     """A ball dropped on a floor, with an event "impact" that reverses its velocity; u is its height in m.
 
-    The flight after each impact takes `restitution` times as long as the one before. The impacts therefore follow each
-    other without end before the time sqrt(2 h0 / g) (1 + restitution) / (1 - restitution), and the ball then rests.
+    Each flight takes `restitution` times as long as the flight before. Infinitely many impacts therefore occur before
+    the time sqrt(2 h0 / g) (1 + restitution) / (1 - restitution), and the ball then rests.
 
     Parameters
     ----------
     restitution : float
-        Speed after an impact as a part of the speed before it; positive, and at most 1.
+        Coefficient of restitution: the speed after an impact divided by the speed before it; positive, and at most 1.
     h0 : float
         Height at t = 0, where the ball is at rest, m.
     g : float

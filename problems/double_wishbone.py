@@ -16,7 +16,7 @@ LOWER, UPPER = np.array([(0.0, 0.40, 0.25), (0.0, 0.45, 0.48)])  # inner hinges,
 LOWER_BALL, UPPER_BALL = np.array([(0.0, 0.76, 0.22), (0.0, 0.71, 0.46)])  # outer joints
 WHEEL, RADIUS = np.array([0.0, 0.82, 0.31]), 0.31  # its centre, and the radius of the tyre under its load, m
 CHASSIS, MOUNT = np.array([(0.0, 0.20, 0.50), (0.0, 0.50, 0.62)])  # the centre of mass, and the top of the spring
-LEVER = 0.6  # where the spring holds the lower arm, as a part of it
+LEVER = 0.6  # where the spring holds the lower arm, relative to the length of the arm
 TIE = np.array([0.15, 0.0, 0.0])  # the tie rod is in front of the lower arm
 MASSES = {"chassis": 350.0, "lower": 5.0, "upper": 3.0, "upright": 35.0}  # kg
 PRELOAD = 6205.6  # of the spring, N, with which the car is at rest on a level road
@@ -91,7 +91,7 @@ def double_wishbone(spring: float = 60e3, damper: float = 4e3, tie: float = 0.01
     damper : float
         N s/m.
     tie : float
-        The height of the inner end of the tie rod above the hinge of the lower arm, m: 0 lets the wheel not steer.
+        The height of the inner end of the tie rod above the hinge of the lower arm, m: at 0 the wheel does not steer.
     t_end : float
         s.
     """

@@ -39,7 +39,7 @@ def energy(t, u, v, p):
 
 
 def figure_eight(t_end: float = 20 * PERIOD) -> Problem:
-    """Three bodies of mass 1 in the plane, with G = 1; u has x and y of each of them, and nothing has units.
+    """Three bodies of mass 1 in the plane, with G = 1; u has x and y of each body; all quantities are dimensionless.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def figure_eight(t_end: float = 20 * PERIOD) -> Problem:
 
     Notes
     -----
-    The start has eight digits. The motion from it is stable, and stays near the periodic one. The parameters are the
+    The initial state has eight digits. The motion is stable, and stays near the periodic orbit. The parameters are the
     three masses.
     """
     x, y, vx, vy = 0.97000436, -0.24308753, -0.93240737, -0.86473146

@@ -45,7 +45,7 @@ def rhs(t, u, v, p, a):
 
 @jit
 def energy(t, u, v, p):
-    """Kinetic energy and that of all pairs, for each kilogram of the sun."""
+    """Kinetic and potential energy, for each kilogram of the sun."""
     total = 0.0
     for i in range(p.size):
         for j in range(3):
@@ -66,8 +66,8 @@ def outer_solar_system(t_end: float = 1e4 * YEAR) -> Problem:
 
     Notes
     -----
-    The parameters are G m of the six bodies, m^3/s^2. The start is that of 5 September 1994, with the centre of mass at
-    rest at the origin. Jupiter turns about the sun once in 11.9 years, and Pluto once in 248 years.
+    The parameters are G m of the six bodies, m^3/s^2. The motion starts on 5 September 1994, with the centre of mass
+    at rest at the origin. Jupiter turns about the sun once in 11.9 years, and Pluto once in 248 years.
     """
     masses, places, velocities = (np.array(x, dtype=np.float64) for x in zip(*BODIES.values(), strict=True))
     places, velocities = (x - masses @ x / masses.sum() for x in (places, velocities))

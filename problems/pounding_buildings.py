@@ -33,7 +33,7 @@ def pounding_buildings(
     gap : float
         m.
     restitution : float
-        The relative speed of two floors after an impact as a part of that before it.
+        Coefficient of restitution: the relative speed of two floors after an impact divided by the speed before it.
     m : (float, float)
         Mass of a floor of the left and of the right building, kg.
     stiffness : (float, float)

@@ -98,10 +98,8 @@ def person(push: float = 1.0) -> tuple[Scene, dict[str, RigidBody], np.ndarray]:
         centre, length = (first + last) / 2, np.linalg.norm(last - first)
         inertia = np.full(3, limb.mass * (limb.radius**2 / 4 + length**2 / 12))
         inertia[np.argmax(np.abs(last - first))] = limb.mass * limb.radius**2 / 2
-        turning = np.array([0.0, push, 0.0])
-        body = scene.body(
-            limb.mass, inertia, START + centre, velocity=np.cross(turning, centre), angular_velocity=turning
-        )
+        spin = np.array([0.0, push, 0.0])
+        body = scene.body(limb.mass, inertia, START + centre, velocity=np.cross(spin, centre), angular_velocity=spin)
         ends.append(body.at(START + np.stack([first, last])))
         scene.add(Stairs(limb.radius), ends[-1])
         bodies[name] = body
@@ -113,7 +111,7 @@ def person(push: float = 1.0) -> tuple[Scene, dict[str, RigidBody], np.ndarray]:
 
 
 def connect(scene: Scene, name: str, body: RigidBody, above: RigidBody) -> None:
-    """Join a limb to the one above it, with dampers that bend with the joint, and ligaments that stop it."""
+    """Join a limb to the limb above it, with dampers that bend with the joint, and ligaments that stop it."""
     joint, up = START + LIMBS[name].first, np.array([0.0, 0.0, LEVER])
     forward, left = np.eye(3)[:2] * LEVER
     behind = BEHIND.get(name.split()[-1])
@@ -135,7 +133,7 @@ def ragdoll(push: float = 1.0, t_end: float = 3.0) -> Problem:
     Parameters
     ----------
     push : float
-        The angular velocity forward at the start, rad/s.
+                Forward angular velocity at the start, rad/s.
     t_end : float
         s.
     """
@@ -157,7 +155,7 @@ def edges() -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class FromTheSide:
-    """x and z of the points of a view, and after them those of the edges of the stairs."""
+    """x and z of the points of a view, followed by the edges of the stairs."""
 
     places: Callable
 

@@ -22,7 +22,7 @@ def rod_chain(n: int = 20, length: float = 1.0, mass: float = 1.0, angle: float 
     length, mass : float
         Of the whole chain, m and kg.
     angle : float
-        Between the chain, which is straight at the start, and the vertical, rad.
+                Angle between the chain, which is straight at the start, and the vertical, rad.
     t_end : float
         s.
     """

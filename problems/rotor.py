@@ -1,4 +1,4 @@
-"""A disc on a shaft with a hardening stiffness, in the frame that turns with it: gyroscopic forces and no damping."""
+"""A disc on a shaft with a hardening stiffness, in the frame that rotates with it: gyroscopic forces and no damping."""
 
 from eig3 import drawing
 from eig3.animation import Mechanism, in_plane
@@ -29,9 +29,9 @@ def rotor(
     y0: float = 0.0,
     t_end: float = 60.0,
 ) -> Problem:
-    """A disc on a massless shaft that turns at a constant speed, released from rest in the turning frame.
+    """A disc on a massless shaft that turns at a constant speed, released from rest in the rotating frame.
 
-    u is the place (x, y) of the disc in m, in axes that turn with the shaft.
+    u is the place (x, y) of the disc in m, in axes that rotate with the shaft.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ def engine(angular_velocity: float = 50.0, torque: float = 0.0) -> tuple[Scene, 
     """Return the scene, and its crank, rod and piston, at the start with the crank upright."""
     scene = Scene(dimension=2)
     pin, end = np.array([0.0, CRANK]), np.array([np.sqrt(ROD**2 - CRANK**2), 0.0])
-    speed = np.array([-angular_velocity * CRANK, 0.0])  # that of the rod, which does not turn in this position
+    speed = np.array([-angular_velocity * CRANK, 0.0])  # of the rod, which does not turn in this position
     crank = scene.body(CRANK_MASS, FLYWHEEL, (0.0, 0.0), np.pi / 2, angular_velocity=angular_velocity)
     angle = np.arctan2(*(end - pin)[::-1])
     rod = scene.body(ROD_MASS, ROD_MASS * ROD**2 / 12, (pin + end) / 2, angle, velocity=speed)
@@ -38,7 +38,7 @@ def slider_crank(angular_velocity: float = 50.0, torque: float = 0.0, t_end: flo
     Parameters
     ----------
     angular_velocity : float
-        Of the crank at the start, rad/s.
+                Angular velocity of the crank at the start, rad/s.
     torque : float
         On the crank, N m; without it, the energy is constant.
     t_end : float

@@ -36,9 +36,9 @@ def spinning_top(angular_velocity: float = 150.0, tilt: float = 0.5, t_end: floa
     Parameters
     ----------
     angular_velocity : float
-        About its axis, rad/s.
+                Angular velocity about its axis, rad/s.
     tilt : float
-        Between its axis and the vertical at the start, rad, above 0.
+                Angle between its axis and the vertical at the start, rad, above 0.
     t_end : float
         s.
     """

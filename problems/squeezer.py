@@ -73,7 +73,7 @@ def mechanism() -> tuple[Scene, list[RigidBody]]:
 
 
 def squeezer(t_end: float = 0.03) -> Problem:
-    """Andrews' squeezer mechanism, which starts at rest and turns faster and faster.
+    """Andrews' squeezer mechanism, which starts at rest and accelerates.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ def ten_storey_frame(
     Parameters
     ----------
     mass : float
-        Mass of a storey at each of its joints, kg, in addition to that of the members.
+        Mass of a storey at each of its joints, kg, in addition to the mass of the members.
     xi : float
         Damping ratio at the first and the fifth sway frequency.
     peak : float

@@ -37,13 +37,13 @@ def tumbling_box(
     Parameters
     ----------
     sides : tuple of float
-        Along x, y and z, m; the one along y is neither the longest nor the shortest.
+        Along x, y and z, m; the side along y is neither the longest nor the shortest.
     mass : float
         kg.
     angular_velocity : float
-        About y at the start, rad/s.
+        Angular velocity about y at the start, rad/s.
     tilt : float
-        The angular velocity about x at the start, as a part of that about y.
+        The angular velocity about x at the start, divided by the angular velocity about y.
     t_end : float
         s.
     """
@@ -60,5 +60,5 @@ def draw(figure, solution, box):
     names = ["longest", "intermediate", "shortest"]
     up = drawing.time_panel(figure, "y of the axis (-)")
     drawing.lines(up, solution.t, axes[..., 1], names)
-    rates = np.einsum("tka,ta->tk", axes, box.angular_velocity(solution.u, solution.v))
-    drawing.lines(drawing.time_panel(figure, "angular velocity about\nthe axis (rad/s)"), solution.t, rates, names)
+    spins = np.einsum("tka,ta->tk", axes, box.angular_velocity(solution.u, solution.v))
+    drawing.lines(drawing.time_panel(figure, "angular velocity about\nthe axis (rad/s)"), solution.t, spins, names)

@@ -17,6 +17,7 @@ import pytest
 import eig3
 from eig3.cli import main
 from eig3.kernels.compile import cache, content
+from eig3.kernels.compile.jit import symbol_of, with_symbol
 from eig3.kernels.compile.numba_internals import NoFolderError, cache_of
 from eig3.kernels.compile.numba_internals import compilations as counted
 
@@ -379,6 +380,21 @@ def test_two_keys_of_one_text_are_different(tmp_path):
     path = files._path(("'a'", files._versions))
     path.rename(files._path(("'b'", files._versions)))
     assert files.load("'b'") is None
+
+
+def test_a_function_is_looked_for_once_to_find_its_symbol(monkeypatch):
+    """What is looked for on the disk needs the symbols of the functions that it calls, but not its own."""
+    looked = []
+    find = cache.CheckedCache.find_key
+    monkeypatch.setattr(cache.CheckedCache, "find_key", lambda self: looked.append(self) or find(self))
+
+    @eig3.jit
+    def doubled(x):
+        return 2.0 * x
+
+    symbol = symbol_of(with_symbol(doubled, numba.float64(numba.float64)))
+    assert symbol.startswith("doubled_")
+    assert looked == [cache_of(doubled)]
 
 
 def test_compilation_in_threads_leaves_the_filters_of_warnings_as_they_were():

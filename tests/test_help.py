@@ -11,7 +11,8 @@ from eig3 import animation, effects, math, problems, scene, structures
 
 MOST = 60
 MODULES = eig3, scene, effects, structures, animation, problems, math
-SECTION = re.compile(r"\n \|  (?:-{70}|(?:Methods|Class methods|Static methods|Readonly properties|Data).* here:)\n")
+KINDS = "Methods|Class methods|Static methods|Readonly properties|Data"
+SECTION = re.compile(rf"\n \|  (?:-{{70}}|Method resolution order:|(?:{KINDS}).* here:)\n")
 
 
 def names_of(module):

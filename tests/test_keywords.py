@@ -10,10 +10,14 @@ import pytest
 import eig3
 from eig3 import effects, problems
 from eig3.keywords import _ELSEWHERE
-from eig3.scene import Scene
+from eig3.scene import RigidBody, Scene
 
 ELSEWHERE = {
     "LAMMPS's epsilon": (effects.LennardJones, "eps", "epsilon"),
+    "exudyn's referenceLength": (effects.LinearSpring, "referenceLength", "rest_length"),
+    "MuJoCo's frictionloss": (Scene(2).body(1.0, 1.0, (0.0, 0.0)).friction, "frictionloss", "limit"),
+    "HOOMD's kT": (eig3.Langevin, "kT", "temperature"),
+    "LAMMPS's damp": (eig3.Langevin, "damp", "gamma"),
     "an earlier name": (effects.LennardJones, "depth", "epsilon"),
     "LAMMPS's D0": (effects.Morse, "D0", "D"),
     "LAMMPS's alpha": (effects.Morse, "alpha", "a"),
@@ -93,7 +97,7 @@ def test_errors_from_inside_stay():
 def test_other_codes_have_names_for_what_is_there():
     """No row of the table is left over when a name changes."""
     records = [x for x in vars(effects).values() if inspect.isclass(x) and dataclasses.is_dataclass(x)]
-    functions = [eig3.integrate, Scene.add, Scene.mass, Scene.body, Scene.add_mesh]
+    functions = [eig3.integrate, Scene.add, Scene.mass, Scene.body, Scene.add_mesh, RigidBody.friction, eig3.Langevin]
     known = {field.name for record in records for field in dataclasses.fields(record)}
     known |= {name for function in functions for name in inspect.signature(function).parameters}
     assert _ELSEWHERE.keys() <= known

@@ -498,7 +498,7 @@ def test_params_that_are_no_list_are_refused():
     """The integers of a list do not survive a conversion to single precision: all indices would be 0."""
     problem = gas().problem((0.0, 1.0))
     params = problem.params.astype(np.float32)
-    with pytest.raises(ValueError, match="params must be those of the scene in double precision"):
+    with pytest.raises(ValueError, match="params must be the parameters of the scene in double precision"):
         eig3.integrate(problem.rhs, (0.0, 1.0), problem.u0, problem.v0, params=params, h=1e-3)
 
 

@@ -475,6 +475,36 @@ def test_cells():
         assert numba.njit(changed)(0.25) == 2.5
 
 
+def test_rows():
+    """The address and the number of floats are indexed as an array is, and given to a function that takes an array."""
+
+    @intrinsic
+    def row_of(typingctx, array):
+        def codegen(context, builder, signature, args):
+            parts = internals.parts_of(context, builder, signature.args[0], args[0])
+            row = internals.row_over(context, builder, parts.data, parts.shape[0])
+            data, n = internals.parts_of_row(builder, row)
+            return internals.row_over(context, builder, data, builder.sub(n, context.get_constant(intp, 1)))
+
+        return internals.Row()(array), codegen
+
+    vector = numba.types.Array(float64, 1, "C")
+    result = result_of(numba.njit(lambda x: x.sum() + 10.0 * x.size), vector)
+    total_at = at_an_address(internals.CompiledFunction(float64(vector)))
+
+    def changed(array, address, j):
+        row = row_of(array)
+        row[j] = 2 * row[j]
+        return total_at(address)(row)
+
+    values = np.array([1.0, 2.0, 3.0, 4.0])
+    with probe("Numba does not take a model of two values, or its cast, from `register_model` and `lower_cast`"):
+        assert numba.njit(changed)(values, address_of(result), 2) == 39.0
+    np.testing.assert_array_equal(values, [1.0, 2.0, 6.0, 4.0])
+    with probe("Numba's target context has no `enable_boundscheck`"), pytest.raises(IndexError):
+        numba.njit(boundscheck=True)(changed)(values, address_of(result), 3)
+
+
 def test_strips():
     """The address of neighbouring floats is indexed as an array is, and given to a function that takes an array."""
 

@@ -391,7 +391,7 @@ def test_command_writes_tables_json_and_pictures(tmp_path, capsys):
     assert "## oscillator (single_dof)" in printed
     assert "time to reach (continuum)" in printed
     assert "Pareto front, from fast to accurate: " in printed
-    assert "Unstable or useless" in printed
+    assert "Unstable or too inaccurate" in printed
     data = json.loads((tmp_path / "precision.json").read_text())
     kept = [point for problem in data["problems"] for point in problem["points"]]
     assert {point["method"] for point in kept} == {"eig3", "rk2"}

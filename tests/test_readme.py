@@ -46,6 +46,31 @@ def test_examples_print_what_they_show(readme, symplectic_euler, tmp_path, monke
         with contextlib.redirect_stdout(printed):
             exec(compile(code, readme, "exec"), namespace)
         assert printed.getvalue() == shown(code, next_language, next_text)
+    for code in code_of_tables(readme) if readme == "eig3/OTHER_CODES.md" else ():
+        eval(compile(code, readme, "eval"), namespace)
+
+
+def code_of_tables(readme):
+    """Return the code in the last column of the tables, which follow the blocks that define its names."""
+    rows = re.findall(r"^\|.*\| (.*?) *\|$", (ROOT / readme).read_text(), flags=re.MULTILINE)
+    return [code for cell in rows for code in re.findall(r"`([^`]+)`", cell)]
+
+
+@pytest.mark.parametrize("code", ["SciPy", "LAMMPS", "OpenSees", "MuJoCo"])
+def test_a_table_maps_the_names_of_each_code(code):
+    """Each row has code of this library, or says that there is none."""
+    text = (ROOT / "eig3/OTHER_CODES.md").read_text()
+    (table,) = re.findall(rf"^\| in {code} you write .*\n\| -.*\n((?:\|.*\n)+)", text, flags=re.MULTILINE)
+    rows = table.splitlines()
+    assert len(rows) >= 15
+    assert [row for row in rows if not re.search(r"`[^`]+`[^|]*\|$", row)] == []
+
+
+def test_the_effects_of_the_tables_are_most_of_all():
+    """Effects without a counterpart in another code are not there, such as SofteningSpring."""
+    text = (ROOT / "eig3/OTHER_CODES.md").read_text()
+    known = [name for name in eig3.effects.__all__ if f"{name}(" in text]
+    assert len(known) >= 25
 
 
 @pytest.mark.parametrize("readme", README_FILES)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..rivals.lammps import Simulation
-from .systems import ANGLE, BOND, CONTACT, DAMPING, DIAMETER, MORSE, REACH, TORSION, chains, places
+from .systems import ANGLE, BOND, CONTACT, DAMPING, DIAMETER, HARDENING, MORSE, NU, REACH, TORSION, E, chains, places
 
 #: Where LAMMPS itself is not exact to 1e-10: its coul/dsf has erfc from a formula with errors of some 1e-7.
 TOLERANCES = {"coulomb": 1e-8, "damped coulomb": 1e-6}
@@ -18,17 +18,17 @@ _COULOMB = f"set group all charge 1.0\npair_style coul/dsf {{}} {REACH}\npair_co
 
 def forces(name: str) -> np.ndarray:
     """Return the forces on the points, of shape (6, 3)."""
-    x = places()
+    x, of_spheres = places(), name in ("contact", "grains")
     before = f"""units lj
-atom_style {"sphere" if name == "contact" else "full"}
+atom_style {"sphere" if of_spheres else "full"}
 atom_modify map array
 boundary f f f
 newton on
 region box block -9 9 -9 9 -9 9
-create_box 1 box {_ROOM if name != "contact" else ""}
+create_box 1 box {"" if of_spheres else _ROOM}
 special_bonds lj/coul 1 1 1
 comm_modify cutoff 8 vel yes"""
-    mass = "set group all mass 1.0" if name == "contact" else "mass 1 1.0"
+    mass = "set group all mass 1.0" if of_spheres else "mass 1 1.0"
     return Simulation(before, f"{_STYLES[name]}\n{mass}\nfix motion all nve", x, 0 * x).forces()
 
 
@@ -37,6 +37,16 @@ def _contact() -> str:
     return f"""set group all diameter {DIAMETER}
 pair_style gran/hertz/history {normal:.17g} 0.0 0.0 0.0 0.0 0
 pair_coeff * *"""
+
+
+def _grains() -> str:
+    law = f"hertz/material {E} 1.0 {NU} tangential mindlin_rescale/force NULL 1.0 0.5 damping coeff_restitution"
+    return f"set group all diameter {DIAMETER}\npair_style granular\npair_coeff * * {law} limit_damping"
+
+
+def _hardening() -> str:
+    stiffness, cubic, length = HARDENING
+    return _chain("bond", f"class2 {length} {stiffness / 2} 0.0 {stiffness * cubic / 4:.17g}")
 
 
 def _chain(kind: str, style: str) -> str:
@@ -48,7 +58,7 @@ def _chain(kind: str, style: str) -> str:
 
 
 def _torsion() -> str:
-    """Return the polynomial of cos phi: that of the effect is one of -cos phi."""
+    """Return the polynomial in cos phi; the effect has a polynomial in -cos phi."""
     signed = [f"{(-1) ** k * c:.17g}" for k, c in enumerate(TORSION)]
     return _chain("dihedral", f"nharmonic {len(signed)} {' '.join(signed)}")
 
@@ -56,9 +66,12 @@ def _torsion() -> str:
 _ROOM = " ".join(f"{kind}/types 1 extra/{kind}/per/atom 6" for kind in ("bond", "angle", "dihedral"))
 _STYLES = {
     "contact": _contact(),
+    "grains": _grains(),
     "lennard-jones": f"pair_style lj/smooth/linear {REACH}\npair_coeff 1 1 1.0 1.0",
     "coulomb": _COULOMB.format(0.0),
     "damped coulomb": _COULOMB.format(DAMPING),
+    "morse pairs": f"pair_style morse/smooth/linear {REACH}\npair_coeff 1 1 {MORSE[0]} {MORSE[1]} {MORSE[2]}",
+    "hardening": _hardening(),
     "spring": _chain("bond", f"harmonic {BOND[0] / 2} {BOND[1]}"),
     "morse": _chain("bond", f"morse {MORSE[0]} {MORSE[1]} {MORSE[2]}"),
     "angle": _chain("angle", f"harmonic {ANGLE[0] / 2} {math.degrees(ANGLE[1]):.17g}"),

@@ -1,14 +1,31 @@
-"""The forces of OpenMM on the six points: by its own ones of a chain, and by formulas of which it takes derivatives."""
+"""The forces of OpenMM on the six points: by its forces of bonds, and by formulas that it differentiates."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..rivals.openmm import Simulation
-from .systems import ANGLE, BOND, CONTACT, DAMPING, DIAMETER, MORSE, POINTS, REACH, TORSION, chains, places
+from .systems import (
+    ANGLE,
+    BOND,
+    CONTACT,
+    DAMPING,
+    DIAMETER,
+    HARDENING,
+    MORSE,
+    NU,
+    POINTS,
+    REACH,
+    TORSION,
+    E,
+    chains,
+    places,
+)
 
 
 def forces(name: str) -> np.ndarray:
@@ -19,7 +36,7 @@ def forces(name: str) -> np.ndarray:
 
 
 def _shifted(potential: str, slope: float) -> str:
-    """Return a potential whose force is 0 at the cutoff, but for a constant."""
+    """Return a potential whose force is 0 at the cutoff, up to a constant."""
     return f"step({REACH} - r) * (u - r * ({slope:.17g})); u = {potential}"
 
 
@@ -28,9 +45,19 @@ def _slope_of_charges(damping: float) -> float:
     return -(math.erfc(s) / REACH + 2 / math.sqrt(math.pi) * damping * math.exp(-s * s)) / REACH
 
 
+def _slope_of_morse() -> float:
+    D, a, r0 = MORSE
+    near = math.exp(a * (r0 - REACH))
+    return 2 * D * a * near * (1 - near)
+
+
 _S6 = REACH**-6
+_STIFFNESS = 4 / 3 * E / (2 * (1 - NU**2)) * math.sqrt(DIAMETER / 4)  # of two equal spheres of one material
+_MORSE = f"{MORSE[0]} * (1 - exp({MORSE[1]} * ({MORSE[2]} - r)))^2"
 _POTENTIALS = {
     "contact": f"{2 / 5 * CONTACT} * max(0, {DIAMETER} - r)^2.5",
+    "grains": f"{2 / 5 * _STIFFNESS} * max(0, {DIAMETER} - r)^2.5",
+    "morse pairs": _shifted(_MORSE, _slope_of_morse()),
     "lennard-jones": _shifted("4 / r^12 - 4 / r^6", 24 * _S6 * (1 - 2 * _S6) / REACH),
     "coulomb": _shifted("1 / r", _slope_of_charges(0.0)),
     "damped coulomb": _shifted(f"erfc({DAMPING} * r) / r", _slope_of_charges(DAMPING)),
@@ -55,11 +82,10 @@ def _spring() -> Any:
     return force
 
 
-def _morse() -> Any:
+def _bonds(potential: str) -> Any:
     import openmm
 
-    D, a, r0 = MORSE
-    force = openmm.CustomBondForce(f"{D} * (1 - exp({a} * ({r0} - r)))^2")
+    force = openmm.CustomBondForce(potential)
     for i, j in chains(2):
         force.addBond(i, j, [])
     return force
@@ -83,4 +109,11 @@ def _torsion() -> Any:
     return force
 
 
-_OF_THE_CHAIN = {"spring": _spring, "morse": _morse, "angle": _angle, "torsion": _torsion}
+_K, _CUBIC, _LENGTH = HARDENING
+_OF_THE_CHAIN: dict[str, Callable[[], Any]] = {
+    "spring": _spring,
+    "hardening": partial(_bonds, f"{_K / 2} * d^2 + {_K * _CUBIC / 4} * d^4; d = r - {_LENGTH}"),
+    "morse": partial(_bonds, _MORSE),
+    "angle": _angle,
+    "torsion": _torsion,
+}

@@ -1,28 +1,43 @@
-"""Six points in space with one effect: a law between all pairs, or one along their chain."""
+"""Six points in space with one effect, between all pairs or along their chain."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from eig3.effects import Coulomb, HarmonicAngle, HertzContact, LennardJones, LinearSpring, Morse, RyckaertBellemans
+from eig3.effects import (
+    Coulomb,
+    HardeningSpring,
+    HarmonicAngle,
+    HertzContact,
+    HertzMindlin,
+    LennardJones,
+    LinearSpring,
+    Morse,
+    RyckaertBellemans,
+)
 from eig3.problem import Problem
 from eig3.scene import Scene
 
 POINTS = 6
 REACH, DAMPING = 2.5, 0.8
 CONTACT, DIAMETER = 500.0, 1.4
+E, NU = 1e3, 0.3
 BOND, ANGLE = (40.0, 1.1), (15.0, 1.9)  # stiffness, and length or angle
 MORSE = 8.0, 2.5, 1.1  # D, a, r0
+HARDENING = 40.0, 0.7, 1.1  # stiffness, cubic, length
 TORSION = (9.28, 12.16, -13.12, -3.06, 26.24, -31.5)
 
 _BETWEEN_PAIRS = {
     "contact": HertzContact(CONTACT, DIAMETER),
+    "grains": HertzMindlin(E, NU, 0.5, radii=DIAMETER / 2),
     "lennard-jones": LennardJones(1.0, 1.0, REACH),
     "coulomb": Coulomb(1.0, cutoff=REACH),
     "damped coulomb": Coulomb(1.0, DAMPING, REACH),
+    "morse pairs": Morse(*MORSE, cutoff=REACH),
 }
 _ALONG_THE_CHAIN = {
     "spring": LinearSpring(*BOND),
+    "hardening": HardeningSpring(*HARDENING),
     "morse": Morse(*MORSE),
     "angle": HarmonicAngle(*ANGLE),
     "torsion": RyckaertBellemans(TORSION),
@@ -49,6 +64,6 @@ def problem(name: str) -> Problem:
         scene.add(_BETWEEN_PAIRS[name], points)
     else:
         effect = _ALONG_THE_CHAIN[name]
-        length = {"spring": 2, "morse": 2, "angle": 3, "torsion": 4}[name]
+        length = {"angle": 3, "torsion": 4}.get(name, 2)
         scene.add(effect, *(points[list(column)] for column in zip(*chains(length), strict=True)))
     return scene.problem((0.0, 1.0))

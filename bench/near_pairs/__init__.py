@@ -19,17 +19,17 @@ from .spheres_by_hand import by_hand
 
 _CORES = sorted({1, os.cpu_count() or 1})
 _MOST_IN_EXUDYN = 10_000  # spheres: it takes a microsecond for each and step
-_OF_AN_ATOM = 10  # the time of an atom with its neighbours, in those of a sphere
+_OF_AN_ATOM = 10  # the time of an atom with its neighbours, in units of the time of a sphere
 
 Runs = dict[Who, Run]
 
-_LAMMPS = """LAMMPS has the skin of the scene, and looks at each step whether its list is still valid.
+_LAMMPS = """LAMMPS has the same skin as the scene, and checks at each step whether its list is still valid.
 It takes its variants for OpenMP, which are not slower on one core.
 Where a ratio is below 1, the scene is faster."""
 _OPENMM = """OpenMM computes in single precision on its platform CPU, and in double precision on Reference.
-Its own force of Lennard-Jones is not the one of the scene: it jumps at the cutoff. The shifted force is a formula."""
-_EXUDYN = """Contacts of exudyn between all spheres are linear, and so are those of the scene here.
-exudyn has Euler's symplectic method, which is of order 1, and looks for the contacts anew in each step."""
+Its NonbondedForce jumps at the cutoff. So the shifted force is given as a formula to its CustomNonbondedForce."""
+_EXUDYN = """Contacts of exudyn between all spheres are linear; here the scene has linear contacts too.
+exudyn has Euler's symplectic method, which is of order 1, and searches for the contacts at each step."""
 
 
 def tables(sizes: tuple[int, ...], side: int, repeats: int) -> str:

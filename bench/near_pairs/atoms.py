@@ -15,7 +15,7 @@ from eig3.scene import Scene
 from .spheres import rows
 
 REACH = 2.5  # of the forces
-SKIN = 0.3  # that of the scene to two digits, and that of LAMMPS for liquids
+SKIN = 0.3  # as in the scene to two digits, and as usual for liquids in LAMMPS
 _DENSITY = 1374.0  # kg/m^3
 _TIME = SIZE * math.sqrt(MASS / DEPTH)
 _MELTED = 300  # steps until the lattice has become a liquid

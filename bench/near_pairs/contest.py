@@ -40,7 +40,7 @@ class Contest:
 
     @classmethod
     def of(cls, n: int, runs: Mapping[Who, Run], cost: int = 1) -> Contest:
-        """Return a contest of points whose step takes about `cost` times that of a sphere."""
+        """Return a contest of points whose step takes about `cost` times as long as the step of a sphere."""
         return cls(n, runs, max(1, POINT_STEPS // (cost * n * STEPS)))
 
     def ns(self, repeats: int, where: str) -> dict[Who, float]:

@@ -14,7 +14,7 @@ from eig3.problem import Problem
 from eig3.scene import Scene
 
 STIFFNESS, REACH, H = 1e3, 1.0, 1e-3
-SKIN = 0.2  # that of a scene of spheres
+SKIN = 0.2  # as in a scene of spheres
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class LinearContact(Link):
 def spheres(n: int, contact: Link | None = None, threads: int = 1) -> Problem:
     """Return n elastic spheres, almost a lattice in contact, which move apart and meet.
 
-    Their contact is that of Hertz unless another one is given.
+    Their contact is Hertz's if no other contact is given.
     """
     rng = np.random.default_rng(0)
     side = math.ceil(round(n ** (1 / 3), 6))

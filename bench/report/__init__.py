@@ -114,7 +114,7 @@ def _measure(options: argparse.Namespace, given: Mapping[str, Any]) -> None:
 
 
 def _settings(options: argparse.Namespace, given: Mapping[str, Any]) -> Settings:
-    """What to measure, from the options or, with --resume, from the run that goes on."""
+    """What to measure, from the options or, with --resume, from the run that continues."""
     has_run = (options.out / RUN).exists()
     if has_run and not options.resume:
         raise SystemExit(
@@ -259,8 +259,8 @@ def report(
 
     Notes
     -----
-    The errors are those against `problem.exact`, or else against RK8 with steps that are halved until two runs agree to
-    a tenth of the smallest accuracy. No method is said to reach an accuracy below three times their difference.
+    Errors are measured against `problem.exact`, or else against RK8 with steps that are halved until two runs agree to
+    a tenth of the smallest accuracy. No accuracy below three times this difference is claimed for a method.
     """
     own_problem.check(problem)
     settings = _own_settings(problem, accuracies, rivals, repeats)

@@ -25,7 +25,7 @@ SLOWER, FASTER = "slower", "faster"
 class Timing:
     """The times of one method on one problem at one setting, and its errors; an unstable run has no times.
 
-    The `uncertainty` is that of the errors of the trajectory.
+    `uncertainty` belongs to the errors of the trajectory.
     """
 
     problem: str
@@ -169,7 +169,7 @@ class Comparison:
 
     @property
     def everything(self) -> str:
-        """The table of all pairs, those of the rivals too."""
+        """The table of all pairs, with the rivals."""
         return _table(self.rows)
 
     @property

@@ -24,7 +24,7 @@ _TAG = re.compile("<(?=[a-zA-Z/!?])")
 _HOW_TO_READ = """## How to read it
 
 Times from different machines cannot be compared. Ratios within one table can, since its runs are interleaved. No time
-includes compiling. In a work-precision picture the lower left corner is best: less time and less error. A steep line
+includes compilation. In a work-precision picture the lower left corner is best: less time and less error. A steep line
 belongs to a method of high order; a line that ends early on the left is limited by stability. Read a column of "time
 to reach" from top to bottom: the bold entry is the fastest way to that accuracy. Errors in different metrics mean
 different things: a trajectory with exact energy can be far off in phase."""
@@ -62,7 +62,7 @@ def page(record: Record, comparison: Comparison | None) -> str:
 
 
 def how_measured(record: Record) -> list[str]:
-    """How the times of the library's problems were measured, and those of a user's own."""
+    """Return how the times were measured, for problems of the library and for a problem of the user."""
     settings = record.run.settings
     repeats, modes = settings["repeats"], settings["modes"] or list(MODES)
     found = []

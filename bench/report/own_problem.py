@@ -28,13 +28,13 @@ from .true_motion import Grid, find_truth
 
 ACCURACIES = (1e-2, 1e-4, 1e-6, 1e-8)
 _TIMING = 15.0  # seconds for the interleaved runs of the library, as predicted,
-_RIVALS = 15.0  # and for those of all rivals
+_RIVALS = 15.0  # and for the runs of all rivals
 _FEWEST_REPEATS = 3
 _LOOSER = 30.0  # a tolerance that is longer by this factor is measured too
 _INLINED = 3  # methods of each plan, the fastest, are measured inlined too: to compile a kernel takes a second or more
 _EVALUATION = 8e-6  # of SciPy in Python, s
 _ENOUGH = 0.5  # s; a run that has taken so long in three rounds is not repeated
-_NEARBY = 1.1  # the factor of u0 or v0 whose energy is compared with that of the start
+_NEARBY = 1.1  # the factor of u0 or v0 for the energy that is compared with the energy of the start
 _TINY = 1e-4  # of that change; the relative errors of a smaller energy are mostly round-off
 
 
@@ -115,10 +115,10 @@ def _current_folder():
 
 def how_measured(repeats: int) -> str:
     return (
-        f"Times of your own problem: medians of at most {repeats} interleaved runs; compiling left out. The steps and "
-        "tolerances are those that eig3.plan names for each accuracy, and longer ones. The methods keep 61 to 976 "
-        "states, and the rivals compute half of 976 by their dense output. What would take longer than its share of a "
-        "minute is left out."
+        f"Times of your own problem: medians of at most {repeats} interleaved runs, without compilation. Steps and "
+        "tolerances are from eig3.plan for each accuracy, with longer ones. The methods keep 61 to 976 states, and the "
+        "rivals compute half of 976 by their dense output. Runs that would take longer than their share of a minute "
+        "are left out."
     )
 
 

@@ -128,7 +128,8 @@ def _summary(results: Sequence[WorkPrecisionSet]) -> str:
     points = sum(bool(point.seconds) for result in results for point in result.points)
     return (
         f"{len(methods)} methods of eig3 and {rivals} rivals on {problems} problem{'s' * (problems != 1)}: "
-        f"{points:,} settings timed in {runs:,} interleaved runs, compiling left out; a time is the median of its runs."
+        f"{points:,} settings timed in {runs:,} interleaved runs, without compilation; a time is the median of its "
+        "runs."
     )
 
 

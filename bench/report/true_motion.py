@@ -18,7 +18,7 @@ _UNIT = 61  # a prime number: states at multiples of a period would hide an erro
 _HALVINGS = 4  # of the distance between states, for a small system
 VALUES = 2**22  # of a history, at most
 _STEPS = 4  # in each distance, before states are put closer together
-_SECONDS = 12.0  # for the runs of RK8, and a third of it for those of RK5
+_SECONDS = 12.0  # for the runs of RK8, and a third of it for the runs of RK5
 _SMALL = 1e-3  # of two runs that differ by less, it is known how the next ones differ
 _SLOWLY = 0.7  # the factor of two differences, above which round-off or a force that is not smooth is in the way
 _AGREES = 0.1  # of the smallest accuracy
@@ -90,7 +90,7 @@ def find_truth(problem: Problem, grid: Grid, smallest: float) -> Reference:
 
 
 def _halved(problem: Problem, grid: Grid, smallest: float) -> tuple[Solution, float]:
-    """The last of the runs of RK8, and its difference from the one before."""
+    """Return the last of the runs of RK8, and its difference from the run before."""
     begin = time.perf_counter()
     n_steps, last, before, message = grid.count, None, math.inf, ""
     while True:

@@ -19,7 +19,7 @@ def to_html(source: str) -> str:
 
 
 class _Untrusted(Extension):
-    def extendMarkdown(self, md: Markdown) -> None:  # noqa: N802 (the name is that of the package)
+    def extendMarkdown(self, md: Markdown) -> None:  # noqa: N802 (a name of the package)
         md.preprocessors.deregister("html_block")
         md.inlinePatterns.deregister("html")
         md.treeprocessors.register(_SafeLinks(md), "safe_links", 5)  # after "inline", which makes the links

@@ -1,7 +1,7 @@
 """Solvers that a user could choose instead, each with its best settings, on the same problems.
 
 Every rival returns the states at given times: by its own dense output if it has one, and else by steps that end there.
-Its time is that of the whole call, without compiling.
+The whole call is timed, without compilation.
 """
 
 from functools import partial

@@ -1,6 +1,6 @@
 """The problems as formulas, for packages that compile them from their own symbols.
 
-`symbols` has the functions of the package, and `time`: the module heyoka, or a namespace with those of JAX.
+`symbols` has the functions of the package, and `time`: the module heyoka, or a namespace with the functions of JAX.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Solvers that take any right-hand side: those of SciPy and CyRK, and Verlet's method as a loop by hand."""
+"""Solvers that take any right-hand side: SciPy, CyRK, and Verlet's method as a loop by hand."""
 
 from __future__ import annotations
 

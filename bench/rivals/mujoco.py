@@ -71,7 +71,7 @@ class Linkage:
 
     def __init__(self, linkage: Any) -> None:
         self._linkage = linkage
-        self._above: dict[int, tuple[int | None, np.ndarray]] = {}  # of each body, the one before, and the hinge
+        self._above: dict[int, tuple[int | None, np.ndarray]] = {}  # of each body, the body before it, and the hinge
         self._loops: list[tuple[int, np.ndarray]] = []
         for first, second, place in linkage.joints:
             new = second if first in self._above else first

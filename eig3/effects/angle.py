@@ -38,6 +38,8 @@ class Angle(Cell):
     at which it grows, rate, and fields; the torque can take the time t. See `Body` for `vectors`, `arrays` and
     `nonnegative`.
 
+    It corresponds to a ``CustomAngleForce`` of OpenMM and ``angle_style lepton`` of LAMMPS.
+
     The forces are perpendicular to the two directions. Where the three points are in line they are 0, which is their
     limit if the torque is 0 there.
     """

@@ -12,10 +12,13 @@ from ..scene.effect import Link, distance
 
 @dataclass(frozen=True, eq=False)
 class BreakingString(Link):
-    """A linear spring that breaks when its tension reaches its strength, and is without force from then on.
+    """A linear spring that breaks where its tension reaches its strength.
 
-    This is an event: ``solution.events["breaking string 0"]`` has the time. The degree of freedom "breaking string 0"
-    of the problem is 0 while the string is whole and 1 after. The energy of the string is lost when it breaks.
+    Formula: tension = stiffness (r - rest_length) until it reaches the strength, and 0 from then on; r is the distance
+    of the ends.
+
+    The break is an event: ``solution.events["breaking string 0"]`` has its time. The degree of freedom "breaking string
+    0" of the problem is 0 while the string is whole and 1 after. The elastic energy is lost at the break.
 
     Parameters
     ----------
@@ -30,6 +33,15 @@ class BreakingString(Link):
     ------
     ValueError
         For stiffness, rest_length or strength below 0, or a tension at the start that is not below the strength.
+
+    Notes
+    -----
+    Other codes: OpenSees: a truss with ``uniaxialMaterial MinMax`` around ``Elastic``. LAMMPS: ``fix bond/break`` with
+    Rmax = rest_length + strength / stiffness, which tests the distance every N steps; here the time is found within a
+    step.
+
+    Not included: damping, healing, and a loss of stiffness before the break. The string also pushes, below its rest
+    length.
     """
 
     stiffness: ArrayLike

@@ -42,10 +42,12 @@ def elastic_potential(r, stiffness, rest_length):
 class Cable(Link):
     """A spring with a damper that pulls and never pushes: it goes slack.
 
-    While the cable is longer than its rest rest_length, its tension at the distance r, which grows at the rate r', is
-    stiffness (r - rest_length) + damping r', or 0 where this would push. Where the cable goes slack or taut the force
-    changes its form. This is an event: ``solution.events["cable 0"]`` has the times, and the method starts anew there.
-    With a fixed step, the step in which it occurs is less accurate; with tolerances it is as accurate as the others.
+    Formula: tension = stiffness (r - rest_length) + damping r' while r > rest_length and this is positive, otherwise 0;
+    r is the distance of the ends and r' its rate.
+
+    The cable goes slack or taut at an event: ``solution.events["cable 0"]`` has the times, and the method starts anew
+    there. With a fixed step, the step that contains the event is less accurate; with tolerances it is as accurate as
+    the others.
 
     Parameters
     ----------
@@ -60,6 +62,14 @@ class Cable(Link):
     ------
     ValueError
         For stiffness, rest_length or damping below 0.
+
+    Notes
+    -----
+    Other codes: without damping, a spatial tendon of MuJoCo with ``springlength="0 rest_length"``, and a ``corotTruss``
+    of OpenSees with ``uniaxialMaterial Elastic`` whose Eneg is 0. The damping of a tendon in MuJoCo also acts while the
+    tendon is slack.
+
+    Not included: mass, sag and bending of the cable between its ends: take a chain of masses.
     """
 
     stiffness: ArrayLike

@@ -55,25 +55,35 @@ def damped_potential(r, prefactor, cutoff, alpha, pull_at_cutoff, energy_at_cuto
 
 @dataclass(frozen=True, eq=False)
 class Coulomb(Shifted):
-    """Repulsion or attraction of two point charges, up to a cutoff: Coulomb's law with a shifted force.
+    """Repulsion or attraction of two point charges, with or without a cutoff.
 
-    The potential is prefactor / r, or prefactor erfc(alpha r) / r with the alpha alpha. A constant is added to the
-    tension so that it is 0 at the cutoff, and it is 0 beyond. In a neutral system the damped shifted force comes near
-    the sum over all distances.
+    Formula: V(r) = prefactor / r, or prefactor erfc(alpha r) / r for alpha > 0. With a cutoff the energy is V(r) -
+    V(cutoff) - (r - cutoff) V'(cutoff) up to the cutoff and 0 beyond (a shifted force), so that energy and force are
+    continuous. The tension is the derivative of the energy.
 
     Parameters
     ----------
     prefactor : float or array_like
         q1 q2 / (4 pi epsilon_0), N m^2: charges of one sign have a positive prefactor and repel each other.
     alpha : float or array_like
-        1/m; some 2 / cutoff is usual, and 0 is the plain law.
+        The damping parameter, 1/m; some 2 / cutoff is usual, and 0 is Coulomb's law.
     cutoff : float or array_like, optional
-        The distance from which on there is no force, m. Without it, the force acts at all distances and is not shifted.
+        The distance beyond which there is no force, m. Without it, the force acts at all distances and is not shifted.
 
     Raises
     ------
     ValueError
         For alpha below 0, or a cutoff that is not positive.
+
+    Notes
+    -----
+    Other codes: with a cutoff, the pair forces of LAMMPS ``pair_style coul/dsf alpha cutoff``, where the prefactor is
+    qqrd2e q1 q2. The cutoff methods of OpenMM's ``NonbondedForce`` have a reaction field instead; give this energy to a
+    ``CustomNonbondedForce``.
+
+    Not included: the self energy of each charge, which ``coul/dsf`` adds: the energy of a crystal differs from the
+    Madelung sum by a constant, and the forces do not. Sums over all periodic images (``kspace_style``, PME). Charges of
+    single points: all pairs of an effect have one prefactor, so add one effect for each pair of kinds.
     """
 
     prefactor: ArrayLike

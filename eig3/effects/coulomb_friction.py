@@ -24,9 +24,9 @@ def on_plane(v, mu, normal_force, regularization_speed, normal):
 
 @dataclass(frozen=True, eq=False)
 class CoulombFriction(Body):
-    """Coulomb's friction of a mass that a normal force presses on a plane.
+    """Coulomb's friction of a mass that a given normal force presses on a plane, smoothed at low speeds.
 
-    The force is -mu normal_force v / sqrt(v^2 + regularization_speed^2).
+    Formula: force = -mu normal_force v / sqrt(|v|^2 + regularization_speed^2).
 
     Parameters
     ----------
@@ -46,6 +46,14 @@ class CoulombFriction(Body):
     ValueError
         For a mu or normal_force below 0, a regularization_speed that is not positive, or a normal that is not a unit
         vector.
+
+    Notes
+    -----
+    Other codes: the regularized friction of exudyn (``frictionProportionalZone``), whose force is linear in v below
+    this speed. MuJoCo's ``frictionloss`` is a constraint that sticks.
+
+    Not included: sticking, and a static coefficient above mu. The normal force is given; `PlaneContact` has the normal
+    force of a contact.
     """
 
     mu: ArrayLike

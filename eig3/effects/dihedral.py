@@ -46,6 +46,8 @@ class Dihedral(Cell):
     energy. Their arguments can be the angle phi, rad, from -pi to pi, the rate at which it grows, rate, and fields; the
     torque can take the time t. See `Body` for `vectors`, `arrays` and `nonnegative`.
 
+    It corresponds to a ``CustomTorsionForce`` of OpenMM and ``dihedral_style lepton`` of LAMMPS.
+
     The angle is 0 where the first and the last point are on the same side (cis), and pi where they are on opposite
     sides (trans). It is positive if, seen along the middle link, the last point is clockwise of the first, as IUPAC
     defines it. No three consecutive points may be in line.

@@ -15,10 +15,19 @@ from .vector import dot
 class Gravity(Body):
     """Uniform gravity: the same acceleration for every mass.
 
+    Formula: force = m field; energy = -m field . x.
+
     Parameters
     ----------
     field : array_like, shape (dimension,)
         The acceleration, m/s^2, such as ``(0, -9.81)``.
+
+    Notes
+    -----
+    Other codes: LAMMPS ``fix gravity``, MuJoCo ``option gravity``, exudyn ``LoadMassProportional``, Modelica
+    ``World.g``. In OpenSees, weights are nodal loads.
+
+    Not included: the attraction between masses: that is `Coulomb` with the prefactor -G m1 m2.
     """
 
     field: ArrayLike

@@ -12,7 +12,10 @@ from ..scene.effect import Link
 
 @dataclass(frozen=True, eq=False)
 class HardeningSpring(Link):
-    """A spring whose tension at the stretch d is stiffness d (1 + cubic d^2): stiffness and cubic of the article.
+    """A spring with a cubic term, as in Duffing's equation.
+
+    Formula: tension = stiffness d (1 + cubic d^2) at the stretch d = r - rest_length; energy = stiffness / 2 d^2 (1 +
+    cubic / 2 d^2). The article of EIG-3 calls the stiffness S1 and the cubic coefficient S2.
 
     Parameters
     ----------
@@ -27,6 +30,13 @@ class HardeningSpring(Link):
     ------
     ValueError
         For stiffness or rest_length below 0.
+
+    Notes
+    -----
+    Other codes: LAMMPS ``bond_style class2`` with K2 = stiffness / 2, K3 = 0 and K4 = stiffness cubic / 4; OpenMM: a
+    ``CustomBondForce``.
+
+    Not included: damping: add a `LinearDamper`.
     """
 
     stiffness: ArrayLike

@@ -14,7 +14,9 @@ from .vector import scale
 
 @dataclass(frozen=True, eq=False)
 class HarmonicForce(Body):
-    """The force amplitude cos(omega t + phase).
+    """A force that oscillates.
+
+    Formula: force = amplitude cos(omega t + phase).
 
     Parameters
     ----------
@@ -24,6 +26,13 @@ class HarmonicForce(Body):
         Angular frequency, rad/s.
     phase : float or array_like
         rad; -pi/2 makes it a sine.
+
+    Notes
+    -----
+    Other codes: OpenSees: a nodal load with ``timeSeries Trig``, a sine with the period 2 pi / omega and the shift
+    phase + pi / 2. LAMMPS: ``fix addforce`` with an equal-style variable.
+
+    Not included: a begin and an end of the load, and sampled loads: `eig3.linear` takes records of forces.
     """
 
     amplitude: ArrayLike

@@ -29,11 +29,13 @@ def elastic_potential(r, stiffness, contact_distance):
 
 @dataclass(frozen=True, eq=False)
 class HertzContact(Touching):
-    """Hertz's contact between two masses, or between a mass and a fixed point.
+    """Hertz's contact between two masses, or between a mass and a fixed point, with the damping of Hunt and Crossley.
 
-    At the indentation d = contact_distance - r, which grows at the rate d', they push each other apart with the force
-    stiffness d^(3/2) (1 + damping d'). They never pull each other. Pairs that do not touch cost little, so that a scene
-    can have a contact between all pairs of some hundreds of masses.
+    Formula: push = stiffness d^(3/2) (1 + damping d') at the indentation d = contact_distance - r > 0 with the rate d',
+    and 0 where d or the bracket is negative. Without damping, energy = 2/5 stiffness d^(5/2).
+
+    Pairs that do not touch cost little, so that a scene can have a contact between all pairs of some hundreds of
+    masses.
 
     Parameters
     ----------
@@ -50,6 +52,15 @@ class HertzContact(Touching):
     ------
     TypeError, ValueError
         For stiffness, contact_distance, radii or damping below 0, and without one of contact_distance and radii.
+
+    Notes
+    -----
+    Other codes: without damping, the normal force of LAMMPS ``pair_style gran/hertz/history`` with Kn = stiffness /
+    sqrt(R) and the effective radius R = R1 R2 / (R1 + R2). Its viscoelastic damping is another law. exudyn:
+    ``ObjectContactSphereSphere`` with contactStiffnessExponent = 1.5.
+
+    Not included: friction and the rotation of the bodies, as in `HertzMindlin`; a coefficient of restitution as a
+    parameter: with this damping, restitution falls with the speed of the impact.
     """
 
     stiffness: ArrayLike

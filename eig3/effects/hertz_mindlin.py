@@ -1,4 +1,4 @@
-"""Contact of spheres with friction and a spring along their surfaces, after Hertz and Mindlin."""
+"""Contact of spheres with friction, after Hertz and Mindlin."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def shear_damping(r, radius, mass, contact_distance, shear_modulus, loss):
 def damping_ratio(restitution: float) -> float:
     """Return the damping ratio z with which a contact of Hertz that never pulls has a restitution, above 0 and up to 1.
 
-    With q = d^(5/4), the speed of the indentation d as a function of q is that of a linear oscillator: O. Antypov and
-    J. A. Elliott, EPL 94 (2011). The contact ends where its force is 0, before d is: T. Schwager and T. Poeschel,
-    Granular Matter 9 (2007). So -ln(restitution) = 2 z arccos(z) / sqrt(1 - z^2), which grows with z. Above z = 1, the
-    numerator and the denominator are imaginary.
+    With q = d^(5/4), the speed of the indentation d as a function of q equals the speed of a linear oscillator: O.
+    Antypov and J. A. Elliott, EPL 94 (2011). The contact ends where its force is 0, while d is still positive: T.
+    Schwager and T. Poeschel, Granular Matter 9 (2007). So -ln(restitution) = 2 z arccos(z) / sqrt(1 - z^2), which grows
+    with z. Above z = 1, the numerator and the denominator are imaginary.
     """
     low, high = 0.0, 1 / math.sqrt(restitution)
     while low < (ratio := (low + high) / 2) < high:
@@ -52,14 +52,14 @@ def damping_ratio(restitution: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class HertzMindlin(FrictionalContact, Touching):
-    """Contacts between spheres of one material, with friction and the history of each contact.
+    """Contacts of elastic spheres of one material with friction, after Hertz and Mindlin.
 
-    At the indentation d, spheres with the effective radius R push each other apart with Hertz's force
-    4/3 E* sqrt(R d) d. The surfaces hold each other by a spring with Mindlin's stiffness 8 G* sqrt(R d), up to
-    Coulomb's limit, friction times the normal force. E* = E / (2 (1 - nu^2)) and G* = E / (4 (2 - nu) (1 + nu)). Both
-    forces have a damping, 2 sqrt(5/6) z sqrt(k m) times the relative velocity, with the stiffness k = 2 E* sqrt(R d) or
-    that of the spring and the effective mass m. The normal force is never attractive. Spheres that strike each other
-    then have the same restitution at every speed; the damping ratio z is the one that gives it: see `damping_ratio`.
+    Formula: with the indentation d, the effective radius R = R1 R2 / (R1 + R2) and the effective mass m, the normal
+    force is 4/3 E* sqrt(R d) d + c_n d', or 0 if this is negative. A spring along the surfaces has Mindlin's stiffness
+    k_t = 8 G* sqrt(R d): its force grows with k_t times the tangential velocity and falls with k_t. With its damping
+    c_t, it is at most friction times the normal force. E* = E / (2 (1 - nu^2)), G* = E / (4 (2 - nu) (1 + nu)). A
+    damping is c = 2 sqrt(5/6) z sqrt(k m), with k_t or k_n = 2 E* sqrt(R d). The damping ratio z gives the restitution
+    at every speed: see `damping_ratio`.
 
     Add it to one array of points, or between points and fixed points with ``others=``. Give the masses an inertia, or
     they do not spin. In two dimensions the points are spheres whose centres stay in a plane.
@@ -73,7 +73,7 @@ class HertzMindlin(FrictionalContact, Touching):
     friction : float
         Coefficient of friction.
     restitution : float
-        The speed after a normal impact as a part of that before it, above 0 and up to 1.
+        Coefficient of restitution of a normal impact, above 0 and up to 1.
     contact_distance : float or array_like
         The distance at which two points touch: the diameter of each point, or between points and fixed points the sum
         of the two radii, m. Give it, or the radii.
@@ -90,11 +90,20 @@ class HertzMindlin(FrictionalContact, Touching):
 
     Notes
     -----
+    Other codes: LAMMPS ``pair_style granular`` with ``hertz/material E e nu tangential mindlin_rescale/force NULL
+    x_gamma mu damping coeff_restitution limit_damping``: the elastic forces and the limit of friction are equal. With
+    ``mindlin/force`` the spring is not rescaled where the contact radius shrinks. LAMMPS has z = -ln e / sqrt(pi^2 +
+    ln^2 e), which neglects ``limit_damping`` (2 % less at e = 0.9), the tangential damping x_gamma c_n, and the radius
+    as the arm of a spin, which is here the distance to the contact.
+
+    Not included: rolling and twisting friction, cohesion (``jkr``, ``dmt``), several materials in one effect, and walls
+    other than fixed spheres.
+
     The order of every method is at most 2 in a run with this effect: a spring advances once a step, by the trapezoidal
-    rule. EIG-3, ``rk2`` and methods of a higher order keep order 2 while a contact neither begins nor ends nor changes
-    between stick and slip. Where one begins, the error of its spring is of the order of h^(3/2). Where the indentation
-    turns from growing to falling, the error is of the order of h^2, but depends on the place of the turn in its step.
-    The frequency of a spring is up to 1.7 times that of the normal contact, which `Problem.critical_step` knows.
+    rule. EIG-3, ``rk2`` and methods of a higher order keep order 2 while no contact begins, ends, or changes between
+    stick and slip. The begin of a contact causes an error of the order h^(3/2) in its spring. The turn of the
+    indentation from growth to fall causes an error of the order h^2, which depends on the place of the turn in its
+    step. A spring vibrates at up to 1.7 times the frequency of the normal contact; `Problem.critical_step` includes it.
     """
 
     E: float

@@ -12,11 +12,13 @@ from .bending import Bending
 
 @dataclass(frozen=True, eq=False)
 class HingeBending(Bending):
-    """The elastic bending of a sheet of triangles: a hinge at each edge between two of them.
+    """The elastic bending of a sheet of triangles: a hinge at each edge between two triangles.
 
-    The energy of a hinge is rigidity / 2 edge^2 / area (theta - rest_angle)^2, with the area of both triangles at rest.
-    In a mesh of equilateral triangles this is the energy of a plate of this rigidity and the Poisson ratio 1/3, for
-    small curvatures in any direction. In another mesh the rigidity is that of the plate up to a factor of the order 1.
+    Formula: energy = rigidity / 2 edge^2 / area (theta - rest_angle)^2 for each hinge, with the area of both triangles
+    at rest.
+
+    In a mesh of equilateral triangles this is the energy of a plate with this rigidity and the Poisson ratio 1/3, for
+    small curvatures in any direction. In other meshes the rigidity of the plate differs by a factor of the order 1.
 
     Parameters
     ----------
@@ -27,6 +29,13 @@ class HingeBending(Bending):
     ------
     ValueError
         For rigidity below 0.
+
+    Notes
+    -----
+    Other codes: LAMMPS ``dihedral_style quadratic`` on the corners of each hinge with K = rigidity edge^2 / (2 area);
+    OpenMM: a ``CustomTorsionForce``. OpenSees and MuJoCo have other energies of bending.
+
+    Not included: a Poisson ratio as a parameter, materials with a direction, and plastic bending.
     """
 
     rigidity: ArrayLike

@@ -1,4 +1,4 @@
-"""The force between two atoms without charge."""
+"""The Lennard-Jones force between two atoms."""
 
 from __future__ import annotations
 
@@ -28,24 +28,35 @@ def potential_of(r, epsilon, sigma):
 
 @dataclass(frozen=True, eq=False)
 class LennardJones(Shifted):
-    """Repulsion of two atoms that are close, and attraction of two that are farther apart.
+    """Repulsion of two atoms that are close, and attraction of two atoms farther apart.
 
-    The potential is 4 epsilon ((sigma / r)^12 - (sigma / r)^6), up to the shifted force: a constant is added to the
-    tension so that it is 0 at the cutoff, and it is 0 beyond.
+    Formula: V(r) = 4 epsilon ((sigma / r)^12 - (sigma / r)^6). The energy is V(r) - V(cutoff) - (r - cutoff) V'(cutoff)
+    up to the cutoff and 0 beyond (a shifted force), so that energy and force are continuous. The tension is the
+    derivative of the energy.
 
     Parameters
     ----------
     epsilon : float or array_like
-        Of the potential without the shift, J.
+        The depth of V, J.
     sigma : float or array_like
-        The distance at which this potential is 0, m; its minimum is at 2^(1/6) sigma.
+        The distance at which V is 0, m; its minimum is at 2^(1/6) sigma.
     cutoff : float or array_like
-        The distance from which on there is no force, m; 2.5 sigma is usual.
+        The distance beyond which there is no force, m; 2.5 sigma is usual.
 
     Raises
     ------
     ValueError
         For epsilon or sigma below 0, or a cutoff that is not positive.
+
+    Notes
+    -----
+    Other codes: LAMMPS ``pair_style lj/smooth/linear cutoff`` with ``pair_coeff 1 1 epsilon sigma``; HOOMD
+    ``md.pair.ForceShiftedLJ``. OpenMM's ``NonbondedForce`` shifts no force; give this energy to a
+    ``CustomNonbondedForce``.
+
+    Not included: the constant and the tail correction in the energy sum of a crystal or a liquid (``pair_modify tail
+    yes``): energy and pressure differ from the sum over all distances, and from ``lj/cut``. Mixing rules: all pairs of
+    an effect have one epsilon and one sigma; ``others=`` gives those between two kinds.
     """
 
     epsilon: ArrayLike

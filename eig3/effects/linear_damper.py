@@ -12,7 +12,9 @@ from ..scene.effect import Link
 
 @dataclass(frozen=True, eq=False)
 class LinearDamper(Link):
-    """A dashpot: the tension is the damping times the rate at which the distance of its ends grows.
+    """A viscous damper (dashpot) between two points.
+
+    Formula: tension = damping r', with the rate r' at which the distance of the ends grows.
 
     Parameters
     ----------
@@ -23,6 +25,14 @@ class LinearDamper(Link):
     ------
     ValueError
         For damping below 0.
+
+    Notes
+    -----
+    Other codes: MuJoCo: the ``damping`` of a spatial tendon; exudyn: the ``damping`` of
+    ``ObjectConnectorSpringDamper``; OpenSees: ``uniaxialMaterial Viscous`` with alpha = 1 in a truss; Modelica
+    ``Forces.Damper``.
+
+    Not included: a power of the velocity other than 1, and the stiffness in series of Maxwell's model.
     """
 
     damping: ArrayLike

@@ -33,9 +33,12 @@ def potential_without_rest_length(r, stiffness):
 
 @dataclass(frozen=True, eq=False)
 class LinearSpring(Link):
-    """A spring whose tension at the distance r is stiffness (r - rest_length).
+    """A linear spring between two points.
 
-    Without a rest rest_length the scene computes no distance, which makes the spring cheaper.
+    Formula: tension = stiffness (r - rest_length); energy = stiffness / 2 (r - rest_length)^2; r is the distance of the
+    ends.
+
+    Without a rest length the scene computes no distance, which makes the spring cheaper.
 
     Parameters
     ----------
@@ -48,6 +51,14 @@ class LinearSpring(Link):
     ------
     ValueError
         For stiffness or rest_length below 0.
+
+    Notes
+    -----
+    Other codes: OpenMM ``HarmonicBondForce`` with k = stiffness; LAMMPS ``bond_style harmonic`` with K = stiffness / 2;
+    MuJoCo: a spatial tendon with ``stiffness`` and ``springlength``; OpenSees: a ``corotTruss`` with E A / L =
+    stiffness; exudyn ``ObjectConnectorSpringDamper``; Modelica ``Forces.Spring``.
+
+    Not included: damping: add a `LinearDamper`.
     """
 
     stiffness: ArrayLike

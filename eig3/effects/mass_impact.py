@@ -15,25 +15,34 @@ from .restitution import rebound
 class MassImpact(Link):
     """Impacts between two masses, or between a mass and a support, which may move.
 
-    They strike each other where their distance is `contact_distance`. An impact multiplies the speed along the line
-    through them by the restitution and keeps their momentum. It is an event: the run finds its time, and
-    ``solution.events["mass impact 0"]`` has the velocities before and after. Each pair has an event of its own, which
-    is looked at in every step: for contacts between thousands of pairs take `HertzContact`.
+    Formula: where r = contact_distance, the rate r' of the distance becomes -restitution r', and the momentum stays
+    (Newton's law). An impact at rest_speed or below loses no speed, and a faster impact leaves at least rest_speed.
+
+    An impact is an event: the run finds its time, and ``solution.events["mass impact 0"]`` has the velocities before
+    and after. Each pair has an event, which every step tests: for contacts between thousands of pairs take
+    `HertzContact`.
 
     Parameters
     ----------
     contact_distance : float or array_like
         The distance at which they touch, the sum of the two radii, m; positive in two and three dimensions.
     restitution : float or array_like
-        The speed after an impact as a part of the speed before it, from 0 to 1.
+        Coefficient of restitution: the speed after an impact divided by the speed before it, from 0 to 1.
     rest_speed : float or array_like
-        The speed from which on an impact loses no more, m/s, as for `RigidStop`.
+        The speed below which an impact loses no speed, m/s, as for `RigidStop`.
 
     Raises
     ------
     ValueError
         For a contact_distance or restitution below 0, a restitution above 1, a rest_speed that is not positive, a
-        contact_distance of 0 in two or three dimensions, or points that are no further apart than it at the start.
+        contact_distance of 0 in two or three dimensions, or points that are at contact_distance or nearer at the start.
+
+    Notes
+    -----
+    Other codes: the hard spheres of event-driven molecular dynamics. LAMMPS, OpenMM, OpenSees and MuJoCo have contact
+    forces or soft constraints instead.
+
+    Not included: friction and spin in the impact, and rest in contact: a mass that rests keeps bouncing at rest_speed.
     """
 
     contact_distance: ArrayLike = 0.0

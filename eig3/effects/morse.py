@@ -34,26 +34,34 @@ def potential_to_cutoff(r, D, a, r0, cutoff, pull_at_cutoff, energy_at_cutoff):
 
 @dataclass(frozen=True, eq=False)
 class Morse(Shifted):
-    """The bond of two atoms: a spring near its rest length, which gets soft and lets go where it is long.
+    """A bond of two atoms: stiff near its rest length, soft where it is long, so that it can break.
 
-    The potential is D (1 - exp(-a (r - r0)))^2: 0 at r0 and D far away. The stiffness at r0 is 2 D a^2. With a cutoff,
-    it is a shifted force as `LennardJones`, and can act between all near points of a group.
+    Formula: energy = V(r) = D (1 - exp(-a (r - r0)))^2: 0 at r0 and D far away, with the stiffness 2 D a^2 at r0. With
+    a cutoff the energy is V(r) - V(cutoff) - (r - cutoff) V'(cutoff) up to the cutoff and 0 beyond (a shifted force);
+    the effect can then act between all near points of a group. The tension is the derivative of the energy.
 
     Parameters
     ----------
     D : float or array_like
         The energy that breaks the bond, J.
     a : float or array_like
-        1/m.
+        The inverse width of the well, 1/m.
     r0 : float or array_like
         The distance without a force, m.
     cutoff : float or array_like, optional
-        The distance from which on there is no force, m. Without it, the force acts at all distances.
+        The distance beyond which there is no force, m. Without it, the force acts at all distances.
 
     Raises
     ------
     ValueError
         For D or r0 below 0, or an a or cutoff that is not positive.
+
+    Notes
+    -----
+    Other codes: LAMMPS ``bond_style morse`` with D, alpha = a and r0; with a cutoff, the forces of ``pair_style
+    morse/smooth/linear`` with D0 = D. OpenMM: a ``CustomBondForce``.
+
+    Not included: with a cutoff, a tail correction in the energy sum of a crystal, and mixing rules: see `LennardJones`.
     """
 
     D: ArrayLike

@@ -18,10 +18,13 @@ from .vector import cross, scale, vector
 
 @dataclass(frozen=True, eq=False)
 class Motor(BodyTorque):
-    """A torque on the axes of a rigid body that is a function of time: ``scene.add(Motor(torque), body.axes)``.
+    """A torque on a rigid body that is a function of time, or also of the angle and its rate.
 
-    In the plane, it may also be a function of the angle by which the body has turned since the start, and of its rate,
-    such as that of a controller. `RigidBody.motor` is a motor between two bodies, and about an axis in space.
+    Formula: torque(t), or torque(t, angle, rate), on the axes of one body: ``scene.add(Motor(torque), body.axes)``. The
+    body reacts on the ground.
+
+    In the plane, a torque can depend on the angle by which the body has turned since the start and on its rate, such as
+    the torque of a controller. `RigidBody.motor` is a motor between two bodies, and about an axis in space.
 
     Parameters
     ----------
@@ -33,6 +36,14 @@ class Motor(BodyTorque):
     ------
     TypeError
         If the torque is no such function, and by `Scene.add` for other points than the axes of one body.
+
+    Notes
+    -----
+    Other codes: MuJoCo ``actuator/motor`` with a control that a callback sets; exudyn ``LoadTorqueVector`` with a user
+    function; Modelica ``Forces.WorldTorque``.
+
+    Not included: limits of torque and speed, a gear ratio, and the inertia of a rotor: write them into the function or
+    the body.
     """
 
     torque: Callable

@@ -14,11 +14,13 @@ from .vector import add, dot, scale, turn
 
 @dataclass(frozen=True, eq=False)
 class NeoHookean(Isotropic):
-    """A tetrahedron of a compressible neo-Hookean solid.
+    """A tetrahedron of a compressible neo-Hookean solid, such as rubber at large strain.
 
-    With J = det F, the energy per volume is mu / 2 (tr F^T F - 3) - mu log J + lambda / 2 (log J)^2. It grows without
-    bound where a cell is pressed to nothing. If a step nevertheless inverts a cell, so that J is not positive, its
-    stress is NaN and the run ends with the status DIVERGED: take a shorter step.
+    Formula: energy per volume = mu / 2 (tr F^T F - 3) - mu ln J + lambda / 2 (ln J)^2, with J = det F and Lame's
+    constants lambda and mu of E and nu. The stress is its derivative with respect to F.
+
+    The energy grows without bound where a cell is pressed to nothing. If a step nevertheless inverts a cell, so that J
+    is not positive, its stress is NaN and the run ends with the status DIVERGED: take a shorter step.
 
     Parameters
     ----------
@@ -31,6 +33,13 @@ class NeoHookean(Isotropic):
     ------
     ValueError
         For E below 0, or nu not between -1 and 0.5.
+
+    Notes
+    -----
+    Other codes: FEBio ``neo-Hookean``. LAMMPS, OpenMM and OpenSees have no such element.
+
+    Not included: viscosity, plasticity, and nearly incompressible elements: constant-strain tetrahedra are too stiff
+    (they lock) for nu near 0.5.
     """
 
     E: ArrayLike

@@ -45,9 +45,11 @@ def elastic_potential(x, stiffness, normal, offset):
 class PlaneContact(Body):
     """Hertz's contact of a mass with the plane normal . x = offset; the normal points to the free side.
 
-    At the indentation d = offset - normal . x, which grows at the rate d', the plane pushes with the force
-    stiffness d^(3/2) (1 + damping d') along the normal. It never pulls. For masses with a radius, add the radius to the
-    offset: x is the position of the centre.
+    Formula: push = stiffness d^(3/2) (1 + damping d') along the normal, at the indentation d = offset - normal . x with
+    the rate d', and 0 where d or the bracket is negative. Friction along the plane: -friction push v_t / sqrt(|v_t|^2 +
+    regularization_speed^2), with the tangential velocity v_t.
+
+    For masses with a radius, add the radius to the offset: x is the position of the centre.
 
     Parameters
     ----------
@@ -60,8 +62,7 @@ class PlaneContact(Body):
     damping : float or array_like
         s/m; 0 makes the contact elastic.
     friction : float or array_like
-        Coefficient of friction along the plane. The formula is the one of `CoulombFriction`; its normal force is that
-        of the contact.
+        Coefficient of friction along the plane, as in `CoulombFriction` with the push as the normal force.
     regularization_speed : float or array_like
         The speed at which the friction reaches 0.71 of its limit, m/s.
 
@@ -70,6 +71,13 @@ class PlaneContact(Body):
     ValueError
         For stiffness, damping or friction below 0, a normal that is not a unit vector, or a regularization_speed that
         is not positive.
+
+    Notes
+    -----
+    Other codes: without damping and friction, LAMMPS ``fix wall/gran`` with the style ``hertz/history``, where
+    stiffness = Kn sqrt(R) for spheres of radius R. A plane of MuJoCo is a soft constraint instead.
+
+    Not included: sticking friction, its history, and the spin of the mass.
     """
 
     stiffness: ArrayLike

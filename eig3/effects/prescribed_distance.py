@@ -13,13 +13,20 @@ from .rod import OfDistance
 class PrescribedDistance(OfDistance):
     """Two points whose distance is a function of time.
 
-    Its reaction is the force with which it pushes its ends apart, N, times the ratio of the distance to that at the
-    start.
+    Formula: |x1 - x0| = distance(t). The reaction is the force with which it pushes its ends apart, N, times the ratio
+    of the distance to the distance at the start.
 
     Parameters
     ----------
     distance : jitted function
         ``distance(t) -> (distance, rate, acceleration)`` in m, m/s and m/s^2.
+
+    Notes
+    -----
+    Other codes: exudyn ``ObjectConnectorDistance``, if a function changes its distance before each step. A position
+    actuator of MuJoCo is a controlled force, not a constraint.
+
+    Not included: a limit of the force.
     """
 
     distance: Callable

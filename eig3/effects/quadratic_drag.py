@@ -13,7 +13,9 @@ from .vector import norm, scale
 
 @dataclass(frozen=True, eq=False)
 class QuadraticDrag(Body):
-    """A force against the velocity, in proportion to the square of the speed.
+    """Drag in a fluid at rest, in proportion to the square of the speed.
+
+    Formula: force = -drag |v| v.
 
     Parameters
     ----------
@@ -24,6 +26,13 @@ class QuadraticDrag(Body):
     ------
     ValueError
         For drag below 0.
+
+    Notes
+    -----
+    Other codes: Modelica ``Translational.Sources.QuadraticSpeedDependentForce`` in one dimension. LAMMPS ``fix
+    viscous`` is linear in v.
+
+    Not included: motion of the fluid, lift, and added mass.
     """
 
     drag: ArrayLike

@@ -5,5 +5,5 @@ from ..kernels.compile.jit import element
 
 @element
 def rebound(rate, restitution, rest_speed):
-    """Return the rate of a distance after an impact. Points that move apart already do not strike each other."""
+    """Return the rate of a distance after an impact. The rate of points that move apart does not change."""
     return rate if rate >= 0 else max(-restitution * rate, min(-rate, rest_speed))

@@ -16,9 +16,12 @@ from .vector import add, dot, scale
 class RigidStop(Body):
     """A rigid plane normal . x = offset that a mass strikes; the normal points to the free side.
 
-    An impact multiplies the speed along the normal by the restitution and does not change the velocity along the plane.
-    It is an event: the run finds its time, and ``solution.events["rigid stop 0"]`` has the velocities before and after.
-    A force of contact, which needs steps much shorter than the contact, is `PlaneContact`.
+    Formula: at the plane, the velocity v_n along the normal becomes -restitution v_n, and the velocity along the plane
+    stays (Newton's law). An impact at rest_speed or below loses no speed, and a faster impact leaves at least
+    rest_speed.
+
+    An impact is an event: the run finds its time, and ``solution.events["rigid stop 0"]`` has the velocities before and
+    after. `PlaneContact` is a contact force, which needs steps much shorter than the contact.
 
     Parameters
     ----------
@@ -27,16 +30,23 @@ class RigidStop(Body):
     offset : float or array_like
         m.
     restitution : float or array_like
-        The speed after an impact as a part of the speed before it, from 0 to 1.
+        Coefficient of restitution: the speed after an impact divided by the speed before it, from 0 to 1.
     rest_speed : float or array_like
-        An impact at this speed or below loses none of it, and a faster one leaves at least this speed, m/s. A mass that
-        is pressed against the stop thus keeps bouncing at this speed, which stands for its rest.
+        An impact at this speed or below loses no speed, and a faster impact leaves at least this speed, m/s. A mass
+        that is pressed against the stop keeps bouncing at this speed, in place of rest.
 
     Raises
     ------
     ValueError
         For a normal that is not a unit vector, a restitution below 0 or above 1, a rest_speed that is not positive, or
         a mass that does not start on the free side.
+
+    Notes
+    -----
+    Other codes: with the restitution 1, LAMMPS ``fix wall/reflect``, which reflects atoms at the end of a step. MuJoCo,
+    OpenSees and OpenMM have contact forces or soft constraints instead.
+
+    Not included: friction in the impact, and rest in contact: a mass that rests keeps bouncing at rest_speed.
     """
 
     normal: ArrayLike

@@ -29,9 +29,10 @@ class OfDistance(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class Rod(OfDistance):
-    """Two points whose distance stays the same.
+    """A rigid rod without mass: two points whose distance stays constant.
 
-    Its reaction is the force with which it pushes its ends apart, N: the tension of the rod is minus the reaction.
+    Formula: |x1 - x0| = length. The reaction is the force with which the rod pushes its ends apart, N: its tension is
+    minus the reaction.
 
     Parameters
     ----------
@@ -42,6 +43,13 @@ class Rod(OfDistance):
     ------
     ValueError
         If a length is not positive.
+
+    Notes
+    -----
+    Other codes: exudyn ``ObjectConnectorDistance``; Modelica ``Joints.SphericalSpherical``; OpenMM
+    ``System.addConstraint``; LAMMPS ``fix rattle``. Here the constraint holds to round-off in positions and velocities.
+
+    Not included: the mass of the rod: take a rigid body with two joints.
     """
 
     length: ArrayLike | None = None

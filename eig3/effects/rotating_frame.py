@@ -15,6 +15,8 @@ from .vector import add, cross, dot, scale
 class RotatingFrame(Body):
     """Coriolis and centrifugal acceleration in a frame that rotates steadily about its origin.
 
+    Formula: acceleration = -2 rate x v - rate x (rate x x); energy = -m / 2 |rate x x|^2.
+
     EIG-3, RK2 and AB2 add energy to such motions numerically, slowly if the step is short. For runs of many
     revolutions, use RK4 or central difference.
 
@@ -22,6 +24,13 @@ class RotatingFrame(Body):
     ----------
     rate : array_like, shape (1,) or (3,)
         Angular velocity, rad/s: one number in a plane, a vector in space.
+
+    Notes
+    -----
+    Other codes: LAMMPS, OpenMM, OpenSees and MuJoCo have none; in LAMMPS, ``fix addforce`` with atom-style variables of
+    x and v gives these forces.
+
+    Not included: an angular acceleration of the frame (Euler's force), and a moving origin.
     """
 
     rate: ArrayLike

@@ -13,14 +13,21 @@ from .dihedral import Dihedral
 
 @dataclass(frozen=True, eq=False)
 class RyckaertBellemans(Dihedral):
-    """A torsion whose potential is a polynomial of the cosine of the dihedral angle.
+    """A torsion whose energy is a polynomial of the cosine of the dihedral angle.
 
-    With psi = phi - pi, which is 0 in trans, the potential is c0 + c1 cos psi + ... + c5 cos^5 psi.
+    Formula: energy = c0 + c1 cos psi + ... + c5 cos^5 psi, with psi = phi - pi, which is 0 in trans.
 
     Parameters
     ----------
     coefficients : array_like, shape (6,) or (..., 6)
         c0 to c5, J.
+
+    Notes
+    -----
+    Other codes: OpenMM ``RBTorsionForce`` with the same coefficients; LAMMPS ``dihedral_style nharmonic`` with n = 6
+    and the coefficients (-1)^k c_k, because it has the cosine of phi.
+
+    Not included: scaled interactions of the first and the fourth point (1-4): see ``exclude_bonded`` of `Scene.add`.
     """
 
     coefficients: ArrayLike

@@ -13,12 +13,11 @@ from .sampled_motion import Sampled, interval
 
 @dataclass(frozen=True, eq=False)
 class SampledAcceleration(Sampled):
-    """Fixed points that move along a direction according to a record of the acceleration, such as an accelerogram.
+    """Fixed points that move along a direction by a record of the acceleration, such as an accelerogram.
 
-    Between the samples the acceleration is linear in time. Velocity and displacement are its exact integrals: a
-    quadratic and a cubic polynomial between samples. Before the record the points are at rest. After it they keep the
-    velocity of its end, so a record whose acceleration does not integrate to 0 ends in a drift; correct its baseline
-    first.
+    Formula: the acceleration is linear between the samples; velocity and displacement are its exact integrals, a
+    quadratic and a cubic polynomial between samples. The points rest before the record and keep the last velocity after
+    it.
 
     Parameters
     ----------
@@ -33,6 +32,13 @@ class SampledAcceleration(Sampled):
     ------
     ValueError
         If there are fewer than two samples, the lengths differ, or times do not increase.
+
+    Notes
+    -----
+    Other codes: OpenSees ``pattern MultipleSupport`` with ``groundMotion Plain -accel``: displacements are absolute.
+    ``pattern UniformExcitation`` has relative displacements, as `eig3.linear` with ``ground=``.
+
+    Not included: baseline correction: a record whose acceleration does not integrate to 0 ends in a drift.
     """
 
     times: ArrayLike

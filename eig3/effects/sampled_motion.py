@@ -41,10 +41,13 @@ class Sampled(Motion):
 
 @dataclass(frozen=True, eq=False)
 class SampledMotion(Sampled):
-    """Fixed points that move along a direction according to a record of the displacement; at rest before and after it.
+    """Fixed points that move along a direction by a record of the displacement.
 
-    Between the samples the displacement is linear in time and the velocity is constant. The velocity thus jumps at the
-    samples, and no method keeps an order above one across a jump where a damper is attached to the support.
+    Formula: the displacement is linear between the samples and constant before and after the record; the velocity is
+    constant between samples.
+
+    The velocity jumps at the samples: no method keeps an order above 1 across a jump where a damper is attached to the
+    support.
 
     Parameters
     ----------
@@ -59,6 +62,12 @@ class SampledMotion(Sampled):
     ------
     ValueError
         If there are fewer than two samples, the lengths differ, or times do not increase.
+
+    Notes
+    -----
+    Other codes: OpenSees ``pattern MultipleSupport`` with ``groundMotion Plain -disp``.
+
+    Not included: interpolation with a continuous velocity: for that take `SampledAcceleration` or `SupportMotion`.
     """
 
     times: ArrayLike

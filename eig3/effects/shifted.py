@@ -1,7 +1,7 @@
 """Forces between two points that end smoothly at a distance, the cutoff.
 
-The shifted force of molecular dynamics: the tension less its value at the cutoff, and the potential that belongs to it.
-Both are 0 from there on, so that neither the force nor the energy jumps where a pair parts.
+The shifted force of molecular dynamics: the tension minus its value at the cutoff, and the energy of this force. Both
+are 0 beyond the cutoff, so that neither the force nor the energy jumps there.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ def shifted_potential(r, cutoff, potential, pull_at_cutoff, energy_at_cutoff):
 class Shifted(Link):
     """A link with the fields cutoff, pull_at_cutoff and energy_at_cutoff; `_shift` computes the last two.
 
-    The cutoff of some is None: then the force acts at all distances, and nothing is shifted.
+    With a cutoff of None, the force acts at all distances, and nothing is shifted.
     """
 
     picture = ""

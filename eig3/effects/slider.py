@@ -13,10 +13,10 @@ from ..scene.constraint import Constraint, Equation
 
 @dataclass(frozen=True, eq=False)
 class Slider(Constraint):
-    """A point that stays on the line along a direction, or in the plane across a normal, on which it is at the start.
+    """A point that stays on a line along a direction, or in a plane across a normal.
 
-    Give the direction of a line or the normal of a plane. A plane has one reaction, the force along the normal, N; a
-    line in space has two, along two vectors that are perpendicular to it and to each other.
+    Formula: normal . (x - x at the start) = 0. A plane has one reaction, the force along the normal, N; a line in space
+    has two, along two vectors that are perpendicular to it and to each other.
 
     Parameters
     ----------
@@ -27,6 +27,13 @@ class Slider(Constraint):
     ------
     TypeError, ValueError
         If both are given or none, or a vector is zero.
+
+    Notes
+    -----
+    Other codes: LAMMPS ``fix lineforce`` and ``fix planeforce``, if the velocity at the start is along the line or
+    plane. The prismatic joints of MuJoCo (``slide``), exudyn and Modelica are `RigidBody.prismatic`.
+
+    Not included: stops at the ends (`RigidStop`) and friction (`CoulombFriction`).
     """
 
     direction: ArrayLike | None = None

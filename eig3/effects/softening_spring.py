@@ -14,14 +14,17 @@ from ..scene.effect import Link
 
 @dataclass(frozen=True, eq=False)
 class SofteningSpring(Link):
-    """A spring whose tension at the stretch d is stiffness d_0 tanh(d / d_0).
+    """A spring whose force tends to a limit.
+
+    Formula: tension = stiffness saturation tanh(d / saturation) at the stretch d = r - rest_length. The article of
+    EIG-3 calls the stiffness S and has the saturation 1.
 
     Parameters
     ----------
     stiffness : float or array_like
-        At rest, N/m: stiffness of the article.
+        At rest, N/m.
     saturation : float or array_like
-        The stretch d_0, m. At larger stretches the force tends to its limit stiffness d_0.
+        The stretch, m, beyond which the tension nears its limit stiffness saturation.
     rest_length : float or array_like
         m.
 
@@ -29,6 +32,12 @@ class SofteningSpring(Link):
     ------
     ValueError
         For stiffness or rest_length below 0, or a saturation that is not positive.
+
+    Notes
+    -----
+    Other codes: none in LAMMPS, OpenSees and MuJoCo; OpenMM: a ``CustomBondForce``.
+
+    Not included: hysteresis: the spring unloads along the same curve.
     """
 
     stiffness: ArrayLike

@@ -19,11 +19,13 @@ def strain(F):
 
 @dataclass(frozen=True, eq=False)
 class StVenantKirchhoffMembrane(Triangle):
-    """A triangle of an isotropic elastic membrane or plate in plane stress, whose stress is linear in Green's strain.
+    """A triangle of an isotropic elastic membrane or plate in plane stress, for large rotations and small strain.
 
-    The strain may be large in rotation, but should be small in stretch: a triangle that is pressed to 58 % of its
-    length gets softer, and one that inverts has finite forces. For plane strain, pass E / (1 - nu^2) as E and
-    nu / (1 - nu) as nu.
+    Formula: S = E / (1 - nu^2) ((1 - nu) e + nu tr(e) I) with Green's strain e = (F^T F - I) / 2; the stress is F S,
+    and the energy is the integral of tr(S e) / 2 over the area times the thickness.
+
+    A triangle that is pressed to 58 % of its length gets softer, and a triangle that inverts has finite forces. For
+    plane strain, pass E / (1 - nu^2) as E and nu / (1 - nu) as nu.
 
     Parameters
     ----------
@@ -38,6 +40,13 @@ class StVenantKirchhoffMembrane(Triangle):
     ------
     ValueError
         For E below 0, nu not between -1 and 1, or a thickness that is not positive.
+
+    Notes
+    -----
+    Other codes: for small displacements, OpenSees ``element Tri31`` with ``PlaneStress``. LAMMPS and OpenMM have no
+    such element.
+
+    Not included: bending (`HingeBending`), wrinkling, and large strain.
     """
 
     E: ArrayLike

@@ -28,10 +28,12 @@ def strain(F):
 
 @dataclass(frozen=True, eq=False)
 class StVenantKirchhoffSolid(Isotropic):
-    """A tetrahedron of an isotropic elastic solid whose stress is linear in Green's strain.
+    """A tetrahedron of an isotropic elastic solid, for large rotations and small strain.
 
-    It is right for large rotations with small strain. A cell that is pressed to 58 % of its length gets softer, and
-    one that inverts has finite forces; take `NeoHookean` for large strain.
+    Formula: S = lambda tr(e) I + 2 mu e with Green's strain e = (F^T F - I) / 2 and Lame's constants of E and nu; the
+    stress is F S.
+
+    A cell that is pressed to 58 % of its length gets softer, and a cell that inverts has finite forces.
 
     Parameters
     ----------
@@ -44,6 +46,13 @@ class StVenantKirchhoffSolid(Isotropic):
     ------
     ValueError
         For E below 0, or nu not between -1 and 0.5.
+
+    Notes
+    -----
+    Other codes: for small displacements, OpenSees ``element FourNodeTetrahedron`` with ``nDMaterial ElasticIsotropic``.
+    LAMMPS and OpenMM have no such element.
+
+    Not included: large strain (`NeoHookean`), viscosity, plasticity, and nearly incompressible elements.
     """
 
     E: ArrayLike

@@ -12,7 +12,9 @@ from ..scene.effect import Motion
 
 @dataclass(frozen=True, eq=False)
 class SupportMotion(Motion):
-    """Fixed points that move along a direction.
+    """Fixed points that move along a direction as a function of time.
+
+    Formula: x = x at the start + displacement direction, with the displacement that motion(t) returns.
 
     Parameters
     ----------
@@ -20,6 +22,13 @@ class SupportMotion(Motion):
         ``motion(t) -> (displacement, velocity)`` in m and m/s, as numbers.
     direction : array_like, shape (dimension,)
         The vector that multiplies both.
+
+    Notes
+    -----
+    Other codes: OpenSees ``imposedMotion`` in a ``pattern MultipleSupport``; LAMMPS ``fix move variable``; MuJoCo: a
+    mocap body.
+
+    Not included: rotation of the supports.
     """
 
     motion: Callable

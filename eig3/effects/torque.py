@@ -15,6 +15,8 @@ from .vector import cross, scale
 class Torque(BodyTorque):
     """A constant torque, which acts on the axes of a rigid body: ``scene.add(Torque(3.0), body.axes)``.
 
+    Formula: the torque of forces torque x e / 2 on the unit vectors e of the body, whose sum is 0.
+
     Add the opposite torque to another body for a motor between both. `Motor` has a torque that depends on the time.
 
     Parameters
@@ -26,6 +28,12 @@ class Torque(BodyTorque):
     ------
     TypeError
         By `Scene.add`, for other points than the axes of one body.
+
+    Notes
+    -----
+    Other codes: MuJoCo: the torque of ``xfrc_applied``; exudyn ``LoadTorqueVector``; Modelica ``Forces.WorldTorque``.
+
+    Not included: a torque that turns with the body.
     """
 
     torque: ArrayLike

@@ -6,7 +6,7 @@ from ..kernels.compile.jit import element
 from ..scene.cell import ORIENT, Cell, offers_of
 from .vector import add, scale, subtract
 
-FLAT = 1e-9  # the least area or volume of a cell, as a part of the power of its longest edge
+FLAT = 1e-9  # the least area or volume of a cell, divided by the power of its longest edge
 
 
 @element

@@ -13,10 +13,10 @@ from .vector import add, dot, norm, scale, subtract, turn
 
 @dataclass(frozen=True, eq=False)
 class WindPressure(Cell):
-    """The pressure of air, still or in motion, on a triangle of a sheet, whichever side it comes from.
+    """The pressure of air, still or in motion, on both sides of a triangle of a sheet.
 
-    With the velocity w of the air relative to the middle of the triangle, the force is density / 2 (w . n)^2 times the
-    coefficient and the area, along the normal n on the leeward side. There is no friction along the sheet.
+    Formula: force = coefficient density / 2 (w . n)^2 area along the normal n on the leeward side, with w = wind - v
+    and the velocity v of the middle of the triangle.
 
     Parameters
     ----------
@@ -25,12 +25,20 @@ class WindPressure(Cell):
     wind : array_like, shape (3,) or (..., 3)
         Velocity of the air, m/s.
     coefficient : float or array_like
-        Of the pressure: the difference between the two sides in wind across the sheet, divided by density / 2 |w|^2.
+        Coefficient of pressure: the difference of the pressures on the two sides divided by density / 2 |w|^2, for w
+        along the normal.
 
     Raises
     ------
     ValueError
         For density or coefficient below 0.
+
+    Notes
+    -----
+    Other codes: none in LAMMPS, OpenMM and OpenSees. MuJoCo's ``wind`` and ``density`` act on the boxes or ellipsoids
+    of bodies.
+
+    Not included: friction along the sheet, lift, and the wake: triangles do not shield each other.
     """
 
     density: ArrayLike

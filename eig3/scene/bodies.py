@@ -88,6 +88,15 @@ class RigidBody:
         Its unit vectors along the principal axes, of shape (dimension,), which `effects.Torque` takes.
     principal : ndarray, shape (dimension, dimension)
         The principal axes in the frame of the body, as columns.
+
+    Notes
+    -----
+    Other codes: ``revolute`` is a hinge of MuJoCo and ``ObjectJointRevoluteZ`` of exudyn; ``prismatic`` is a slide and
+    ``ObjectJointPrismaticX``; ``spherical`` is a ball and ``ObjectJointSpherical``. Modelica has ``Joints.Revolute``,
+    ``Prismatic``, ``Spherical`` and ``Universal``. ``motor`` with a torque(t, angle, rate) replaces position and
+    velocity actuators of MuJoCo, and ``friction`` its ``frictionloss`` and ``damping``.
+
+    Not included: limits of joints (MuJoCo's ``range``), armature, and friction that sticks.
     """
 
     scene: Description

@@ -12,9 +12,16 @@ from .constraint import Constraint, Equation
 
 @dataclass(frozen=True, eq=False)
 class PointJoint(Constraint):
-    """Two points whose difference x1 - x0 stays as at the start, such as two that coincide in a joint.
+    """A ball joint between two points, which keep the difference x1 - x0 of the start.
 
-    It has a reaction for each dimension: the components of the force on x1, N.
+    Formula: x1 - x0 = x1 - x0 at the start. It has a reaction for each dimension: the components of the force on x1, N.
+
+    Notes
+    -----
+    Other codes: MuJoCo ``equality/connect``; exudyn ``SphericalJoint``; OpenSees ``equalDOF`` on the translations;
+    Modelica ``Joints.Spherical``. Here the constraint holds to round-off.
+
+    Not included: friction and play in the joint.
     """
 
     needs = ()

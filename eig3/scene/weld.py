@@ -14,8 +14,16 @@ from .constraint import Constraint, Equation
 class Weld(Constraint):
     """Two rigid bodies that move as one: ``scene.add(Weld(), body, other)``, or ``body.weld(other)``.
 
-    One body alone is welded to the ground. The first body bears the reactions: the components of the force at its
-    centre, N, and the torques, N m: one in the plane, and in space three, about its principal axes.
+    Formula: the relative position and orientation stay as at the start. One body alone is welded to the ground. The
+    first body bears the reactions: the components of the force at its centre, N, and the torques, N m: one in the
+    plane, and in space three, about its principal axes.
+
+    Notes
+    -----
+    Other codes: MuJoCo ``equality/weld``; OpenSees ``rigidLink beam``; LAMMPS ``fix rigid``; Modelica
+    ``Parts.FixedTranslation``. Here the constraint holds to round-off.
+
+    Not included: elasticity of the weld: for that join points by springs.
     """
 
     needs = ()

@@ -36,6 +36,12 @@ class Rayleigh:
     ------
     TypeError, ValueError
         If a ratio is negative, or the frequencies are not positive and different.
+
+    Notes
+    -----
+    Other codes: OpenSees ``rayleigh(alphaM, betaK, 0, 0)``, with a and b in `coefficients`.
+
+    Not included: corotational frames, and a K that changes in the run.
     """
 
     xi: Any
@@ -72,6 +78,14 @@ class Modal:
     ------
     TypeError, ValueError
         If a ratio is negative, or the numbers do not fit.
+
+    Notes
+    -----
+    Formula: C = sum over the modes of 2 xi omega (M phi) (M phi)^T, for modes phi with phi^T M phi = 1.
+
+    Other codes: OpenSees ``modalDamping``.
+
+    Not included: modes that change in the run.
     """
 
     xi: ArrayLike

@@ -40,6 +40,14 @@ class Section:
     ------
     TypeError, ValueError
         If E and A are not positive, or another value is negative.
+
+    Notes
+    -----
+    Other codes: OpenSees ``element elasticBeamColumn``, with ``geomTransf Linear``, or ``Corotational`` for a problem
+    with ``corotational=True``; a section with I = 0 is ``element truss`` or ``corotTruss``. Masses are lumped.
+
+    Not included: shear deformation (``ElasticTimoshenkoBeam``), plastic hinges, offsets of the ends, and loads along
+    the member.
     """
 
     E: float

@@ -82,8 +82,10 @@ class CheckedCache(DiskCache):
         if self._name:
             return self._name
         for each, _ in helpers_first(self._function):
-            if each is not self._function and hasattr(each.py_func, "made"):
-                each.py_func.made()  # code that is loaded needs the symbol of its address
+            # Code that is loaded needs these symbols. To ask for its own could compile it, and so on.
+            made = getattr(each.py_func, "made", None)
+            if made and not (each is self._function and getattr(made, "compiles_it", False)):
+                made()
         found = content(self._function)
         return found and f"{found} {self._variant}"
 
@@ -92,7 +94,7 @@ class CheckedCache(DiskCache):
 
 
 def folder_of_all() -> None:
-    """Stand for all functions: their compiled code is where Numba would keep that of this one."""
+    """Stand for all functions: their compiled code is where Numba would keep the code of this function."""
 
 
 class _Files:
@@ -168,7 +170,7 @@ class _Files:
             os.close(folder)
 
     def _check_writers(self, descriptor: int, path: Path) -> None:
-        """Refuse what others can write. The descriptor is that of the open file: a path may change its meaning."""
+        """Refuse what others can write. The descriptor belongs to the open file: a path may change its meaning."""
         others = sorted(_writers(os.fstat(descriptor)) - self._trusted) if _HAS_OWNERS else []
         if others:
             raise _UntrustedError(f"{', '.join(f'{kind} {number}' for kind, number in others)} can write {path}")

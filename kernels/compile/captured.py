@@ -1,7 +1,7 @@
 """The values from outside a jitted function that Numba compiles into it: globals, and variables of outer functions.
 
 Numba reads them once, when it compiles the function. A later assignment changes what Python would compute, but not the
-compiled code. So these values are kept, and compared with those of a later time.
+compiled code. So these values are kept, and compared with the values at a later time.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Captured:
     functions : list of jitted functions
         Those that the function may call.
     values : dict of str to value
-        The numbers, texts and arrays, by name. Those of the functions of this package do not change, and are left out.
+        The numbers, texts and arrays, by name, without the values of this package's functions, which do not change.
     random : str
         The name under which the function reaches random numbers; empty if it reaches none.
     """

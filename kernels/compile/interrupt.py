@@ -39,8 +39,8 @@ class DeferredInterrupt:
     """A block in which Ctrl-C waits until the end of the outermost block, where it raises KeyboardInterrupt as usual.
 
     A block that lasts should ask `is_set`. Nothing changes in threads other than the main thread, because Python calls
-    handlers only in the main thread, and in programs that ignore Ctrl-C or leave it to the system. If a program has a
-    handler of its own, that handler is called instead.
+    handlers only in the main thread, and in programs that ignore Ctrl-C or leave it to the system. If a program has
+    installed a handler, that handler is called instead.
     """
 
     def __init__(self) -> None:

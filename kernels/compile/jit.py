@@ -58,9 +58,14 @@ def element(function: Callable) -> Any:
 def outlined(function: Callable) -> Any:
     """Decorate a function of a kernel that is called rarely, and is not inlined: the kernel compiles in less time.
 
-    That it is not inlined must be said: otherwise Numba takes the option of the function that calls it first.
+    The option is explicit: without it, Numba takes the option of the function that calls it first.
     """
     return linked_jit(function, keep_on_disk, forceinline=False, **KERNEL_OPTIONS)
+
+
+def called(function: Any) -> Any:
+    """Return a function that calls an element and is not inlined. The element is compiled once for both uses."""
+    return outlined(lambda *arguments: function(*arguments))
 
 
 def compiled(function: Any, arguments: tuple, what: str = "") -> Any:
@@ -92,7 +97,7 @@ def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, la
     template : function
         A plain Python function in a file of this folder.
     names : dict
-        Globals that the template uses besides those of its own file.
+        Globals that the template uses besides the globals of its file.
     signature : Numba signature
     label : str
         What tells the kernel from others with the same template, for which it is found on the disk. All `names` must
@@ -166,6 +171,7 @@ def with_symbol(function: Any, signature: Any) -> Any:
         define_symbol(symbol, address_of(result))
         return symbol, result
 
+    made.compiles_it = True  # type: ignore[attr-defined]
     function.py_func.made = made
     return function
 

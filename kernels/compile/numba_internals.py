@@ -342,7 +342,17 @@ class Strip(numba.types.Type):
         super().__init__(f"Strip({count}, {dtype})")
 
 
-_PLAIN = numba.types.Number, numba.types.Boolean, numba.types.Array, numba.types.BaseTuple, Cell, Strip
+class Row(numba.types.Type):
+    """The type of the address of a row's first float, and of their number n, which is used as an array with an index.
+
+    It compiles in less time, as a `Cell` does. A function that takes an array gets one.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("Row")
+
+
+_PLAIN = numba.types.Number, numba.types.Boolean, numba.types.Array, numba.types.BaseTuple, Cell, Strip, Row
 
 
 @register_model(Cell)
@@ -353,12 +363,18 @@ class _PointerModel(models.PrimitiveModel):
         super().__init__(manager, kind, manager[dtype].get_data_type().as_pointer())
 
 
+@register_model(Row)
+class _RowModel(models.StructModel):
+    def __init__(self, manager: Any, kind: Row) -> None:
+        super().__init__(manager, kind, [("data", Cell()), ("n", numba.types.intp)])
+
+
 @type_callable(operator.getitem)
 def _type_of_entry(context: Any) -> Callable:
     def typer(values: Any, index: Any) -> Any:
         if isinstance(values, Strip):
             return values.dtype
-        return numba.types.float64 if isinstance(values, Cell) else None
+        return numba.types.float64 if isinstance(values, Cell | Row) else None
 
     return typer
 
@@ -366,7 +382,7 @@ def _type_of_entry(context: Any) -> Callable:
 @type_callable(operator.setitem)
 def _type_of_change(context: Any) -> Callable:
     def typer(values: Any, index: Any, value: Any) -> Any:
-        if isinstance(values, Cell | Strip):
+        if isinstance(values, Cell | Row | Strip):
             dtype = values.dtype if isinstance(values, Strip) else numba.types.float64
             return signature_of(numba.types.none, values, index, dtype)
         return None
@@ -394,6 +410,43 @@ def _entry_of_strip(context: Any, builder: Any, signature: Any, args: Any) -> An
 def _change_of_strip(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     builder.store(args[2], builder.gep(args[0], [args[1]]))
     return context.get_dummy_value()
+
+
+@lower_builtin(operator.getitem, Row, numba.types.Integer)
+def _entry_of_row(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    return builder.load(_place_in_row(context, builder, *args))
+
+
+@lower_builtin(operator.setitem, Row, numba.types.Integer, numba.types.float64)
+def _change_of_row(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    row, index, value = args
+    builder.store(value, _place_in_row(context, builder, row, index))
+    return context.get_dummy_value()
+
+
+def _place_in_row(context: Any, builder: Any, row: Any, index: Any) -> Any:
+    data, n = parts_of_row(builder, row)
+    if context.enable_boundscheck:
+        cgutils.do_boundscheck(context, builder, index, n)
+    return builder.gep(data, [index])
+
+
+@lower_cast(Row, numba.types.Array)
+def _array_over_row(context: Any, builder: Any, kind: Row, array: Any, value: Any) -> Any:
+    data, n = parts_of_row(builder, value)
+    return array_over(context, builder, array, data, n, context.get_constant(numba.types.intp, 8))
+
+
+def parts_of_row(builder: Any, row: Any) -> tuple[Any, Any]:
+    """Return the address of the first value of a `Row`, and the number of its values."""
+    return builder.extract_value(row, 0), builder.extract_value(row, 1)
+
+
+def row_over(context: Any, builder: Any, data: Any, n: Any) -> Any:
+    """Return a `Row` of n values from an address on."""
+    row = cgutils.create_struct_proxy(Row())(context, builder)
+    row.data, row.n = data, n
+    return row._getvalue()
 
 
 @lower_cast(Strip, numba.types.Array)
@@ -486,8 +539,8 @@ _families = itertools.count()  # for names that occur once in a process
 def addresses_of_members(result: Any, count: int) -> tuple[list[int], Any]:
     """Return the addresses of functions that call a compiled function with 0 to count - 1 as its first argument.
 
-    A kernel calls a function at an address, with fixed arguments. Each member thus needs an address of its own: that of
-    a function of a few instructions, which adds the number and jumps to the function of the family. These are written
+    A kernel calls a function at an address, with fixed arguments. Each member thus needs a separate address: there, a
+    function of a few instructions adds the number and jumps to the function of the family. These are written
     as code of LLVM, because Numba would take some tenths of a second for each. The number is a float, for which there
     is a free register on most processors: an integer would displace the other arguments, and each of them would have to
     be moved.
@@ -602,7 +655,7 @@ class DiskCache(FunctionCache):
             return
         try:
             super().save_overload(sig, data)
-        except pickle.PicklingError:  # of an argument whose class is in no module, such as that of named parameters
+        except pickle.PicklingError:  # of an argument whose class is in no module, such as named parameters
             return
         except Exception as error:
             self.failed("keep", error)
@@ -625,7 +678,7 @@ if hasattr(os, "register_at_fork"):
 class _SelfContained(JITCodeLibrary):
     """The code of a function, in which it calls its own copies of the functions that were linked into it.
 
-    Numba lets all copies of a function in a process be one: the one that was loaded first. Copies are optimised in
+    Numba lets all copies of a function in a process be one: the first that was loaded. Copies are optimised in
     different places, and may round differently. Then the process that compiles a function, and those that load it from
     the disk, would not return the same bits.
     """

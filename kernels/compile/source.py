@@ -59,7 +59,7 @@ class Writer:
 
     @contextmanager
     def block(self, head: str) -> Iterator[None]:
-        """Write a head, such as that of a loop, and what follows below it."""
+        """Write a head, such as the head of a loop, and what follows below it."""
         self.line(f"{head}:")
         before, self._indent = self._indent, self._indent + "    "
         yield
@@ -75,7 +75,8 @@ class Writer:
         """Write a loop over n, which writes an entry of each of the `rows` from a text with other entries.
 
         Each entry is read once, before the first is written: this compiles in less time than a text with many indices.
-        Without `many`, n is 1, and the lines are those of the only pass: a loop takes as long to compile as they do.
+        Without `many`, n is 1, and the lines of the only pass are written without a loop, which would take time to
+        compile.
         """
         entry, to = re.compile(r"(\w+)\[j\]"), "j" if many else "0"
         with self.block("for j in range(n)") if many else nullcontext():

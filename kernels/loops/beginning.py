@@ -1,5 +1,5 @@
 # ruff: noqa: F821
-"""The sizes of a motion, relative to which its tolerances are, and the first step of a run with tolerances.
+"""The sizes of a motion, which scale its tolerances, and the first step of a run with tolerances.
 
 These functions are called once in a run, or while nothing has moved. They do not depend on the method: all kernels of
 one form of right-hand side share them.
@@ -61,7 +61,7 @@ def sizes_at_rest(place, tally, t, state):
 
 @element
 def least_size(rtol):
-    """Return the least size of a degree of freedom, as a part of the largest size of all."""
+    """Return the least size of a degree of freedom, relative to the largest size of all."""
     return min(1.0, max(_LEAST_SIZE, _ROUND_OFF / rtol))
 
 
@@ -99,8 +99,8 @@ def least_sizes(u_size, v_size, a_size, t, length, rtol):
     """Return the least sizes of u and v in a step to t before which nothing has moved, and the least one to keep of v.
 
     They are those after a short time. Because t is rounded, so is the time since the motion began, and the force with
-    it: the short time is at least so long that these errors are within rtol, and v has no size of its own before.
-    `a_size` is the largest acceleration in the step, and `length` that of the span.
+    it: the short time is at least so long that these errors are within rtol, and v has no separate size before.
+    `a_size` is the largest acceleration in the step, and `length` the length of the span.
     """
     blur = _BLUR * RESOLUTION * abs(t) / rtol
     least, v_blur = max(_FIRST * min(length, 1.0), blur), 0.0
@@ -114,7 +114,8 @@ def first_step(f, t, n, y, tally, order, span):
     """Return a first step: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, II.4.
 
     The unit of time does not matter, except for a motion that starts at rest at zero, in a span of more than a unit:
-    the first step must not depend on the end of the span, from which a run may go on. Where it does, the run says so.
+    the first step must not depend on the end of the span, from which a run may be extended. Where it does, the run says
+    so.
     """
     u, v, a, u_end, v_end, a_end = y[:6]
     length = span.t_end - t

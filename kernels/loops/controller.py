@@ -4,14 +4,14 @@
     predictive:  h_{n+1} / h_n = 0.9 (h_n / h_{n-1}) (error_{n-1} / error_n^2)^(1/k)
 
 k is the order of the estimate of the error plus 1. The first keeps the steps of a vibration even. The second assumes
-that error / h^k goes on growing as in the last step: few steps before a close passage are then rejected. Where the
+that error / h^k continues to grow as in the last step: few steps before a close passage are then rejected. Where the
 error falls, steps as long as the second allows would often be rejected.
 
 K. Gustafsson, Control-theoretic techniques for stepsize selection in implicit Runge-Kutta methods, ACM Transactions on
 Mathematical Software 20 (1994), 496-517.
 
 The logarithm and the power of 2 are approximate, to 1 %: this is
-enough for a step, and the next step of a small system would have to wait for those of the C library.
+enough for a step, and the next step of a small system would have to wait for the functions of the C library.
 """
 
 import numpy as np
@@ -48,9 +48,9 @@ def exponent(square):
 
 @element
 def next_step(step, before, now, last, was_rejected, h_max, order):
-    """Return the step after an accepted one and the one before, from the logarithms `now` and `last` of their errors.
+    """Return the next step, from the logarithms `now` and `last` of the errors of the last step and the step before.
 
-    The predictive controller needs errors above round-off. An estimate of order 3, that of EIG-3, is zero wherever the
+    The predictive controller needs errors above round-off. An estimate of order 3, as for EIG-3, is zero wherever the
     force has an extreme: two of them show no trend. After a rejected step, the next one is not longer.
     """
     power = 0.4 * last - 0.7 * now

@@ -58,7 +58,7 @@ def rows_kernel(form: Form, kind: str) -> Any:
     """Compile the kernel, or load it from the disk.
 
     It is called as ``kernel(address, p, t, u_rows, v_rows, values)``, where `address` is the address of a function of
-    the kind "rhs" or "invariant". It writes a row of `values` for each of the times t; all rows are those of matrices.
+    the kind "rhs" or "invariant". It writes a row of `values` for each of the times t; all rows are rows of matrices.
     """
     names = {"FUNCTION": form.at(kind), "EVALUATE": written if kind == "rhs" else returned}
     signature = none(int64, vector_type, vector_type, *[matrix_type] * 3)

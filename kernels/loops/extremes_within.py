@@ -15,12 +15,12 @@ from typing import Any
 from numba.types import float64, int64, none
 
 from ..compile.jit import bound, element, linked, outlined
-from ..protocol import COLUMN, HIGH, LOW, OUT, WIDTH, Form, look_within_at, vector_type
+from ..protocol import COLUMN, HIGH, LOW, OUT, WIDTH, Form, look_within_at, rows, vector_type
 from .dense import evaluate, write_up_to
 from .follow import functions, widen
 
 # A value goes beyond those at the start, in the middle and at the end by their range at most, if its period is at least
-# 1.2 steps. With rtol up to 1e-3, periods have 3 steps or more, and those of a product of two values 1.5.
+# 1.2 steps. With rtol up to 1e-3, periods have 3 steps or more; the product of two values has periods of 1.5.
 _BEYOND_THREE = 1.0
 _BEYOND_ALL = 0.75  # the part of the range of the values by which a polynomial of degree 8 at most may go beyond them
 _CELLS = 2  # parts of the step between two points in which the slope of the polynomial is looked at
@@ -30,8 +30,8 @@ _CLOSE = 1e-9  # error of the place of an extreme of the polynomial, relative to
 def follow_within(place, t_end, h, s, n, p):
     """Widen the extremes by those within a step of the length h to t_end, and by the values at its end.
 
-    The look is at the address `place`. The step is the part up to s of that of the dense output, in `watch.work`. The
-    values at its end are in `follow.out`, and stay there.
+    The look is at the address `place`. The step is the part up to s of the step of the dense output, in `watch.work`.
+    The values at its end are in `follow.out`, and stay there.
     """
     look = look_within_at(place)
     follow, within, coefficients = look.follow, look.within, look.watch.work[2:]
@@ -111,7 +111,7 @@ def sample(place, k, t_end, h, dense, s, n, p, m):
     """Evaluate the quantity k after the fraction s of a step, into the row m of the samples."""
     look = look_within_at(place)
     follow, within = look.follow, look.within
-    u, v = within.state[0], within.state[1]
+    u, v = rows(within.state, 2)
     evaluate(dense, s, n, u, v)
     within.times[m] = t_end - (1 - s) * h
     EVALUATE_ONE(follow, k, within.times[m], u, v, p)

@@ -32,16 +32,12 @@ from ..protocol import (
     GOING,
     LOGGED,
     LOOK,
-    PART,
     PART_END,
-    PARTS,
     PASSED,
     RESET,
-    RESTING,
     SCALAR,
     SEARCHES,
     STEPS,
-    TIME,
     VECTOR,
     WITHIN,
     Form,
@@ -54,9 +50,9 @@ from ..protocol import (
     stack_rows,
     vector_type,
 )
-from .follow import end_part, functions, inline_functions, no_history, no_projection, save, widen_all
+from .follow import end_part, functions, inline_functions, no_history, no_projection, widen_all
 from .formulas import Formulas, nothing
-from .march import FOUND, THROUGH, copy_two, march, settle, write
+from .march import FOUND, THROUGH, copy_two, march, settle
 from .pair import U_END, V_END, A
 from .search import search_names, work_rows
 from .zeros import quiet
@@ -74,7 +70,7 @@ def fixed(callbacks, state, settings, tally, steps, look):
     If STACKED is 1, the rows are on the stack. If IS_CHECKED is 1, scratch begins as NaN: a method that hands more
     values to the next step than it declares is seen.
     """
-    n = N if N > 0 else state.shape[1]
+    n = int64(N) if N > 0 else state.shape[1]  # not a constant: functions are compiled for each type
     f = RHS(callbacks)
     c = CONSTANTS(settings, steps.h, Work(tally, state[ROWS:], SECOND(callbacks)))
     kept = ROWS_OF(state, OWN_ROWS)
@@ -119,8 +115,9 @@ def following(callbacks, f, c, y, n, scratch, tally, steps, look):
 
 def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
     """Take the steps, and search those in which something is found."""
-    i, row, last, ended, p = steps.first, steps.row, steps.first + steps.count, GOING, steps.p
-    watch, follow, place, pair = look.watch, look.follow, address_of(look), rows(look.watch.work[WORK:], PAIR_ROWS)
+    i, row, last, ended = steps.first, steps.row, steps.first + steps.count, GOING
+    watch, follow, pair = look.watch, look.follow, rows(look.watch.work[WORK:], PAIR_ROWS)
+    place, of_steps = address_of(look), address_of(steps)
     while i < last and ended == GOING:
         if 2 * int(tally[LOGGED]) > len(watch.log):
             ended = FULL
@@ -135,31 +132,18 @@ def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
         if found == FAILED:
             ended = FAILED
         elif found == FOUND:
-            t = steps.t0 + i * steps.h
             if tally[WITHIN] == 0:
                 copy_two(pair[U_END], pair[V_END], y[0], y[1], n)
-            outcome = SEARCH(ADDRESS(callbacks), place, tally, steps.t0, steps.t0 + (i - 1) * steps.h, t, n, p)
+            before, t = steps.t0 + (i - 1) * steps.h, steps.t0 + i * steps.h
+            outcome = SEARCH(ADDRESS(callbacks), place, tally, steps.t0, before, t, n, steps.p)
+            end = pair[U_END], pair[V_END], pair[A]
+            row = GO_ON(ADDRESS(callbacks), place, of_steps, tally, outcome, i, row, *end)
             if outcome != PASSED:
-                t = tally[TIME] if outcome > RESET else t
                 copy_two(y[0], y[1], pair[U_END], pair[V_END], n)
-                if STACKED == 0:
-                    PROJECT(follow, t, y[0], y[1], p)
-                START_ANEW(f, t, y, steps.h, p, n, pair[A])
-                tally[EVALUATIONS] += 1
-                tally[ANEW] = i
-            if outcome <= RESTING:
-                EVALUATE(follow, t, y[0], y[1], p)
-                if STACKED == 0:
-                    ADVANCE_HISTORY(follow, t, y[0], y[1], p)
+                START_ANEW(y, steps.h, n, pair[A])
             if outcome > RESET:
                 ended = outcome
                 i -= 1
-            else:
-                WIDEN(follow, int(tally[PART]) % PARTS, t, y[1])
-                if i % steps.every == 0:
-                    write(y[0], y[1], n, steps, row)
-                    save(follow, row)
-                    row += 1
         end_part(follow, tally, i, n, y[1])
     return y, i, row, ended
 
@@ -167,7 +151,7 @@ def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
 def marches(f, c, y, n, scratch, tally, steps, look, pair, first, last, started, row):
     """Advance the rows `y` from step `first` towards `last`, to the end of a part of the run or of the starter at most.
 
-    The starter takes the steps before step `started`. What is returned is that of a march.
+    The starter takes the steps before step `started`. Returns what a march returns.
     """
     end = min(last, int(tally[PART_END])) if len(look.follow.table) > 0 else last
     if START_STEPS > 0 and first < started:

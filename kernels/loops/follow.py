@@ -2,7 +2,7 @@
 """Evaluate the quantities of a run, its invariants and outputs, in a state, and keep their extremes.
 
 The names in capitals stand for functions that depend on the form of the right-hand side and on the mode: `functions`
-inserts them. A quantity is called at its address, or, in a kernel that inlines it, as a part of the loop.
+inserts them. A quantity is called at its address, or, in a kernel that inlines it, in the loop itself.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def evaluate_all(follow, t, u, v, p):
 
 
 def advance_history(follow, t, u, v, p):
-    """Let p remember a state that is no trial: the end of a step, or that of an event."""
+    """Advance the history in p to a state that is no trial: the end of a step, or the state at an event."""
     if follow.advance != 0:
         RETURNED(follow.advance)(t, u, v, p)
 
@@ -136,7 +136,7 @@ def widen_range(ends, j, e):
 
 @element
 def widen(extremes, j, e, t):
-    """Do the same, and note the time."""
+    """Widen a range, as `widen_range`, and note the time."""
     low, high = extremes[LOW, j], extremes[HIGH, j]
     if low == low and not e >= low:
         extremes[LOW, j], extremes[T_LOW, j] = e, t

@@ -91,7 +91,7 @@ class Formulas:
 
     @property
     def rows(self) -> int:
-        """Number of these rows and of those of the starter, which only the first steps use."""
+        """Number of these rows and of the rows of the starter, which only the first steps use."""
         return self.own_rows + (self.starter.rows if self.starter else 0)
 
     def state_rows(self, n: int) -> int:

@@ -5,9 +5,9 @@
 The time is computed as t0 + i h from the step index i. A sum of steps would accumulate round-off, and would depend on
 the division of the run into chunks.
 
-The names in capitals are inserted by `fixed.py`. If LOOKS is 0, the loop is that of a run which looks for nothing: the
+The names in capitals are inserted by `fixed.py`. If LOOKS is 0, the loop belongs to a run that looks for nothing: the
 compiler leaves out what depends on it; see `FOLLOWS`. An only quantity that returns its value, such as an energy, has a
-path of its own, with its extremes in registers: a step with an energy takes half the time.
+separate path, with its extremes in registers: a step with an energy takes half the time.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
     a_i     = f(t + c_i h, u + c_i h v + h^2 sum_j A_ij a_j)
     u_{n+1} = u + h v + h^2 sum_i b_i (1 - c_i) a_i        v_{n+1} = v + h sum_i b_i a_i
 
-A stage has no velocity: the right-hand side gets the one at the start of the step.
+A stage has no velocity: the right-hand side gets the velocity at the start of the step.
 """
 
 from __future__ import annotations

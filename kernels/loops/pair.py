@@ -1,6 +1,6 @@
 """The steps of variable length of a Runge-Kutta pair: a trial step, the estimate of its error, and dense output.
 
-The formulas are those of `eig3.kernels.loops.tableau`, with the step as a factor of the sums: coefficients that contain
+The formulas are as in `eig3.kernels.loops.tableau`, with the step as a factor of the sums: coefficients that contain
 powers of h would have to be computed anew for each step. With the weights e_i of the estimate, where the last stage is
 the acceleration at the end of the step, the errors are
 
@@ -19,7 +19,7 @@ from fractions import Fraction
 from math import comb
 from typing import Any, ClassVar, SupportsFloat
 
-from ..compile.jit import bound, element, outlined
+from ..compile.jit import bound, called, element
 from ..compile.source import Writer, after_sum, define
 from .dense import QUINTIC_TERMS, quintic
 from .tableau import Row, Tableau, product
@@ -31,7 +31,7 @@ U, V, A, U_END, V_END, A_END, U_MOST, V_MOST = range(8)
 
 @element
 def combined(most, more):  # type: ignore[no-untyped-def]
-    """Return the square of the error from those of estimates of orders 5 and 3, as in DOP853."""
+    """Return the square of the error from the squares of estimates of orders 5 and 3, as in DOP853."""
     both = most + 0.01 * more
     return most * most / both if both > 0 else 0.0
 
@@ -40,7 +40,7 @@ _NAMES = {"__name__": __name__, "combined": combined}
 
 
 class Text(Writer):
-    """Writes functions of a state whose entries j are those of one system, or, with lanes, of a system in each lane.
+    """Writes functions of a state whose entries j belong to one system, or, with lanes, to a system in each lane.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Text(Writer):
     result, if_accepted : str
         What `square` does with its result, and in which lanes `advance` changes a row.
     own, d, before : str
-        The index of what each lane has of its own, the number of a degree of freedom, and the step before.
+        The index of what each lane has separately, the number of a degree of freedom, and the step before.
     """
 
     def __init__(self, n: int = 0, lanes: int = 0) -> None:
@@ -94,9 +94,9 @@ class Steps:
     norm : str
         The square of the error, from the largest squares of the errors of the entries.
     carried : dict of str
-        The rows with which the next step begins, and those of this step whose values they get.
+        The rows with which the next step begins, and the rows of this step whose values they get.
     terms : int
-        Number of coefficients of the dense output of u, and of that of v.
+        Number of coefficients of the dense output of u, and of v.
     evaluations, dense_evaluations : int
         Evaluations of the right-hand side in a step, and in its dense output.
     """
@@ -127,7 +127,7 @@ class Steps:
             self._dense(out)
         defined = define(str(out), "pair", {**_NAMES, "quintic": quintic})
         inlined = {name: element(defined[name]) for name in ("trial", "square", "advance", "dense")}
-        return {**inlined, "dense_called": outlined(defined["dense"])}
+        return {**inlined, "dense_called": called(inlined["dense"])}
 
     @functools.cache  # noqa: B019  they live as long as their module
     def of_lanes(self, n: int, lanes: int) -> dict[str, Any]:
@@ -165,7 +165,7 @@ class Steps:
         return out
 
     def _trial(self, out: Text) -> None:
-        """Write how the rows of the end follow from those of the start."""
+        """Write how the rows of the end follow from the rows of the start."""
         raise NotImplementedError
 
     def _errors(self, out: Text, total: str, most: str, more: str) -> None:

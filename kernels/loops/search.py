@@ -13,14 +13,17 @@ from typing import Any
 
 from numba.types import float64, int64
 
-from ..compile.jit import bound, element, linked, outlined
+from ..compile.jit import bound, called, element, linked, outlined
 from ..protocol import (
+    ANEW,
     EVALUATIONS,
     FULL,
     GAP,
     LOGGED,
     NEXT,
     NOT_A_NUMBER,
+    PART,
+    PARTS,
     PASSED,
     RESET,
     RESTING,
@@ -28,27 +31,56 @@ from ..protocol import (
     WITHIN,
     Form,
     look_at,
+    row_type,
     rows,
+    steps_at,
     vector_type,
 )
 from .dense import quintic
-from .formulas import Formulas, variable_formulas
-from .march import copy_two
+from .follow import functions, save, widen_all
+from .formulas import Formulas, nothing, variable_formulas
+from .march import copy_two, write
 from .pair import A_END, U_END, V_END, A, U, V
 from .zeros import LATER, searching
+
+
+def go_on(address, place, of_steps, tally, outcome, i, row, u, v, a):
+    """Go on from the step to step index i, whose search had an outcome. Return the next row to write.
+
+    u and v are the state at the end of the step. If the outcome is not PASSED, a becomes the acceleration there. If the
+    run goes on, the quantities are followed in this state, and it is written if it is due.
+    """
+    steps, follow = steps_at(of_steps), look_at(place).follow
+    p, t = steps.p, steps.t0 + i * steps.h
+    if outcome != PASSED:
+        t = tally[TIME] if outcome > RESET else t
+        PROJECT(follow, t, u, v, p)
+        RHS(address)(t, u, v, p, a)
+        tally[EVALUATIONS] += 1
+        tally[ANEW] = i
+    if outcome <= RESTING:
+        EVALUATE(follow, t, u, v, p)
+        ADVANCE_HISTORY(follow, t, u, v, p)
+    if outcome <= RESET:
+        widen_all(follow, int(tally[PART]) % PARTS, t, v)
+        if i % steps.every == 0:
+            write(u, v, steps.u_rows.shape[1], steps, row)
+            save(follow, row)
+            row += 1
+    return row
 
 
 def search(address, place, tally, t0, t, t_grid, n, p):
     """Search the step from t to `t_grid`, whose two states are in rows of `watch.work`, and return the outcome.
 
-    After a reset, the state at the end of the step is that at `t_grid`, or that of the event which ends the run. If the
-    log is full after some resets, FULL is returned, and the next call goes on from the last of them.
+    After a reset, the state at the end of the step is the state at `t_grid`, or at the event that ends the run. If the
+    log is full after some resets, FULL is returned, and the next call continues from the last reset.
     The right-hand side is at the address `address`, the look at `place`, and the run began at t0.
     """
     f, watch = RHS(address), look_at(place).watch
     y = rows(watch.work[WORK:], PAIR_ROWS)
     u, v, a, u_end, v_end = y[U], y[V], y[A], y[U_END], y[V_END]
-    u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:WORK]
+    (u_there, v_there), coefficients = rows(watch.work, 2), watch.work[2:WORK]
     t_end, reach, result = t_grid, 0.0, PASSED
     if tally[WITHIN] == 0:
         f(t, u, v, p, a)
@@ -108,17 +140,12 @@ def extension_of_step(f, t, h, p, n, y, u_there, v_there, coefficients):
     copy_two(y[U_END], y[V_END], u_there, v_there, n)
 
 
-def start_anew(f, t, y, h, p, n, a):
+def start_anew(y, h, n, a):
     """Write the past values of a method that starts at the state in its rows."""
-    f(t, y[0], y[1], p, a)
     for j in range(n):
         past = START(y[0][j], y[1][j], a[j], h)
         for k in range(PAST):
             y[2 + k][j] = past[k]
-
-
-def start_without_past(f, t, y, h, p, n, a):
-    pass
 
 
 def work_rows(method: Formulas, order: int) -> int:
@@ -141,9 +168,10 @@ def search_names(method: Formulas, order: int, form: Form) -> dict[str, Any]:
     pair = variable_formulas(name)
     return {
         "SEARCH": _search(name, form),
+        "GO_ON": _go_on(form),
         "WORK": pair.work_rows,
         "PAIR_ROWS": pair.rows,
-        "START_ANEW": element(bound(start_anew, start) if method.past else start_without_past),
+        "START_ANEW": element(bound(start_anew, start)) if method.past else nothing,
     }
 
 
@@ -155,6 +183,14 @@ def _search(pair: str, form: Form) -> Any:
     return linked(search, names, int64(*arguments), f"{pair}_{form.name}")
 
 
+@functools.cache
+def _go_on(form: Form) -> Any:
+    seen = functions(form)
+    names = {"RHS": form.at("rhs"), "EVALUATE": seen.evaluate, "ADVANCE_HISTORY": seen.advance, "PROJECT": seen.project}
+    arguments = int64, int64, int64, vector_type, int64, int64, int64, row_type, row_type, row_type
+    return linked(go_on, names, int64(*arguments), form.name)
+
+
 def _names(pair: Any, form: Form) -> dict[str, Any]:
     theirs, (look_within, write_time) = pair.functions(), searching(form)
     has_extension = pair.dense_evaluations > 0
@@ -163,7 +199,7 @@ def _names(pair: Any, form: Form) -> dict[str, Any]:
         "PAIR_ROWS": pair.rows,
         "PAIR_COST": 1 + pair.evaluations + pair.dense_evaluations,
         "STEP_DENSE_COST": pair.evaluations + pair.dense_evaluations if has_extension else 1,
-        "TRIAL": outlined(theirs["trial"].py_func),
+        "TRIAL": called(theirs["trial"]),
         "DENSE": theirs["dense_called"],
         "LOOK_WITHIN": look_within,
         "WRITE_TIME": write_time,

@@ -66,12 +66,12 @@ from .zeros import LATER, quiet, searching
 
 __all__ = ["inline_kernel", "kernel", "least_size"]
 
-_SILENCE = 0.02  # longest step while nothing acts, as a part of the time since the start
+_SILENCE = 0.02  # longest step while nothing acts, relative to the time since the start
 
 
 def variable(callbacks, state, settings, tally, span, look):
     """Take steps, and return their number, the next row to write, and how it ended."""
-    n = N if N > 0 else state.shape[1]
+    n = int64(N) if N > 0 else state.shape[1]  # not a constant: functions are compiled for each type
     f, p = RHS(callbacks), span.p
     kept, of_span = rows(state, ROWS), address_of(span)
     if span.first == 0:
@@ -86,7 +86,7 @@ def variable(callbacks, state, settings, tally, span, look):
     has_rows = len(span.t_rows) > 0
     if LOOKS > 0:
         place, watch, follow = address_of(look), look.watch, look.follow
-        u_there, v_there, coefficients = watch.work[0], watch.work[1], watch.work[2:]
+        (u_there, v_there), coefficients = rows(watch.work, 2), watch.work[2:]
         has_events, has_times, follows = len(watch.events) > 0, len(watch.times) > 0, len(follow.table) > 0
     share = least_size(span.rtol)
     t, h, was_rejected = tally[TIME], tally[STEP], False

@@ -32,6 +32,8 @@ from ..protocol import (
     Form,
     look_at,
     matrix_type,
+    row_type,
+    rows,
     vector_type,
 )
 from . import follow
@@ -332,7 +334,7 @@ def write_time(place, tally, t, h, t_end, n, coefficients, u_end, v_end, p):
     """Write the state at the next of `watch.times`, and the values of the quantities there."""
     look, row = look_at(place), int(tally[NEXT])
     watch = look.watch
-    u, v = watch.u_rows[row], watch.v_rows[row]
+    (u,), (v,) = rows(watch.u_rows[row:], 1), rows(watch.v_rows[row:], 1)
     if watch.times[row] == t_end:
         for j in range(n):
             u[j], v[j] = u_end[j], v_end[j]
@@ -373,10 +375,10 @@ def searching(form: Form) -> tuple[Any, Any]:
     names["DEPARTURE"] = outlined(bound(departure, names))
     names["CROSSING"] = outlined(bound(crossing_within, names))
     names["TAKE"] = outlined(bound(take, names))
-    rows = (vector_type,) * 2
+    state = (row_type,) * 2
     step = int64, vector_type, float64, float64, float64
-    of_search = Tuple((int64, float64, float64))(*step, float64, int64, matrix_type, *rows, *rows, vector_type)
-    of_times = none(*step, int64, matrix_type, *rows, vector_type)
+    of_search = Tuple((int64, float64, float64))(*step, float64, int64, matrix_type, *state, *state, vector_type)
+    of_times = none(*step, int64, matrix_type, *state, vector_type)
     return (
         linked(look_within, names, of_search, form.name),
         linked(write_time, names, of_times, form.name),

@@ -4,7 +4,7 @@ Eleven times
 
     v += h b_i a        u += h a_i v        a = f(t + h (a_1 + ... + a_i), u)
 
-and then v += h b_12 a. The last a is the first of the next step. The coefficients are those of SRKN 11b in table 3 of
+and then v += h b_12 a. The last a is the first of the next step. The coefficients are SRKN 11b in table 3 of
 S. Blanes and P. C. Moan, Practical symplectic partitioned Runge-Kutta and Runge-Kutta-Nystroem methods, Journal of
 Computational and Applied Mathematics 142 (2002), 313-330; the method is symmetric.
 """

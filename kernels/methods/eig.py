@@ -14,7 +14,7 @@ with the time since the start of the step: V is the mean of the velocity over th
 its end by this integral. RK8 takes the first p - 1 steps.
 
 The members are Stoermer's formulas (E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I,
-section III.10), with a velocity. In grade 3, u is that of EIG-3(1, 1/2).
+section III.10), with a velocity. In grade 3, u is as in EIG-3(1, 1/2).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ..compile.source import Constants, Writer, after_sum, define
 
 
 def sigma(count: int) -> list[Fraction]:
-    """Return Stoermer's coefficients, those of the power series (x / log(1 - x))^2 / (1 - x)."""
+    """Return Stoermer's coefficients, the coefficients of the power series (x / log(1 - x))^2 / (1 - x)."""
     logarithm = [Fraction(1, k + 1) for k in range(count)]  # of -log(1 - x) / x
     inverse: list[Fraction] = []
     for k in range(count):

@@ -4,8 +4,8 @@
     v_{n+1} = w_{n+1} + (w_{n+1} - w_n) / 2, projected, so that it keeps the constraints too
 
 `eig3.kernels.constraints.hold` takes the step, with the accelerations and the gradients of the scene. Without
-constraints these are the formulas of `eig3`. With them, and without a force that depends on the velocity, u is that of
-SHAKE, which is symplectic: the energy of a conservative scene stays bounded.
+constraints these are the formulas of `eig3`. With constraints, and without a force that depends on the velocity, u is
+as in SHAKE, which is symplectic: the energy of a conservative scene stays bounded.
 """
 
 from ..compile.jit import element

@@ -2,8 +2,8 @@
 
 B:  v += h/2 f(t, u)        A:  u += h/2 v        O:  v = e^(-gamma h) v + sqrt(T/m (1 - e^(-2 gamma h))) R
 
-A step is B A O A B, with a normal random number R for each degree of freedom. The last f is that of the next step. The
-part O is exact. Without friction and noise, the step is that of velocity Verlet.
+A step is B A O A B, with a normal random number R for each degree of freedom. The last f is the first of the next step.
+The part O is exact. Without friction and noise, the method is velocity Verlet.
 
 R depends on the seed, the stream, the step index and the degree of freedom only. A block of trajectories has a stream
 for each of its `lanes`, and value j of the trajectory in a lane is at index j * lanes + lane.

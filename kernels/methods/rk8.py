@@ -1,6 +1,6 @@
 """RK8, the eighth-order formula of DOP853 with twelve stages, after Dormand and Prince.
 
-The coefficients are those of Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, section II.10.
+The coefficients are from Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, section II.10.
 """
 
 from ..loops.pair import Pair

@@ -4,10 +4,10 @@ J. R. Dormand, M. E. A. El-Mikkawy and P. J. Prince, High-order embedded Runge-K
 Numerical Analysis 7 (1987), 423-430.
 
 The continuous extension is our own: with three further stages, u has an error of order h^11 in a step, and v one of
-order h^10. Each further stage satisfies the conditions of order 9. The polynomial of degree 10 satisfies those of order
-10 at each s. It is the one with the least weights, plus terms that give it the state and the acceleration at both ends.
-The times of the stages were chosen for a small error: its coefficients at order 11 are, in the mean, a fifth of those
-of the estimate of the error.
+order h^10. Each further stage satisfies the conditions of order 9. The polynomial of degree 10 satisfies the conditions
+of order 10 at each s. It has the least weights, plus terms that give it the state and the acceleration at both ends.
+The times of the stages were chosen for a small error: its coefficients at order 11 are, in the mean, a fifth of the
+coefficients of the estimate of the error.
 """
 
 from ..loops.nystrom import Nystrom, NystromPair
