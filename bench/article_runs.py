@@ -161,9 +161,10 @@ def error_of(problem: Problem, h: float, method: str | Method) -> tuple[Solution
 
     The error is the relative error of u if the problem has an exact solution, and the energy drift (J) otherwise.
     """
-    solution = problem.integrate(h=h, method=method, save_every=None if problem.exact is None else 1)
     if problem.exact is None:
+        solution = problem.integrate(h=h, method=method, save_every=None, invariants_every=1)
         return solution, solution.drift["energy"]
+    solution = problem.integrate(h=h, method=method)
     worst = largest = 0.0
     for begin in range(0, len(solution.t), _ERROR_BLOCK):
         block = slice(begin, begin + _ERROR_BLOCK)

@@ -41,6 +41,7 @@ Draw = Callable[[Any, Solution], None]
 
 _START = ("u0", "v0", "params")
 _OF_A_CALL = ("progress", "raise_on_failure", "cancel", "save_to")  # the options that belong to one run
+_ENERGY_EVERY = 100  # steps: to evaluate the energy often enough costs up to 5 % of a run
 _OF_RHS = ("rhs", "quadratures")  # these fields change only with the right-hand side
 
 
@@ -84,7 +85,8 @@ class Problem:
         functions get them as ``p.k``, and this attribute is of the type `eig3.Parameters`.
     t_span : (float, float)
     energy : jitted function, optional
-        ``energy(t, u, v, p) -> float``, constant along the exact solution: the invariant "energy" of `integrate`.
+        ``energy(t, u, v, p) -> float``, constant along the exact solution. `integrate` follows it as the invariant
+        "energy", after about every hundredth step.
     energy_unit : str
         Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
     units : str or tuple of str
@@ -92,8 +94,7 @@ class Problem:
     names : tuple of str
         The name of each degree of freedom, such as "x0"; empty if they have no names.
     exact : callable, optional
-        ``exact(t) -> (u, v)`` for an array of times. One that is not known counts as false: None, or what says in an
-        error why it is not known.
+        ``exact(t) -> (u, v)`` for an array of times; None, or another false value, if it is not known.
     continuum : callable, optional
         ``continuum(t) -> (u, v)`` of the continuous body that a lumped problem approximates, at the masses.
     source : str
@@ -225,7 +226,8 @@ class Problem:
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
         **options
-            Other options of `eig3.integrate`, such as rtol and t_eval. `invariants` replaces the energy. Functions in
+            Other options of `eig3.integrate`, such as rtol and t_eval. `invariants` replaces the energy, which is
+            evaluated after about every hundredth step, unless `invariants_every` is given. Functions in
             `invariants` and `outputs` get u and v with one more degree of freedom for each of `quadratures`. `events`
             replaces those of the problem.
 
@@ -495,8 +497,9 @@ class Problem:
     def _with_own(self, options: dict[str, Any], call: str) -> dict[str, Any]:
         """Return the options of runs, with what the problem adds; refuse those that would replace one of its fields."""
         _refuse_fields(options, call)
-        invariants = {} if self.energy is None else {"energy": self.energy}
-        options = {"events": self.events, "invariants": invariants, **options}
+        if self.energy is not None and "invariants" not in options:
+            options = {"invariants": {"energy": self.energy}, "invariants_every": _ENERGY_EVERY, **options}
+        options = {"events": self.events, "invariants": {}, **options}
         options |= {"method": self._with_masses(options.get("method")), "labels": self.labels}
         return options | {"quadratures": tuple(self.quadratures)}
 

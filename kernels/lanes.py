@@ -217,9 +217,9 @@ def widen(values, t, low, high, t_low, t_high):
 
 
 @element
-def evaluate_lanes(follow, t, u, v, p):
-    """Evaluate the quantities in the lanes of a block, and widen their extremes."""
-    for k in range(len(follow.table)):
+def evaluate_lanes(follow, first, t, u, v, p):
+    """Evaluate the quantities from `first` on in the lanes of a block, and widen their extremes."""
+    for k in range(first, len(follow.table)):
         place, column, width = follow.table[k, OUT], follow.table[k, COLUMN], follow.table[k, WIDTH]
         quantity_at(follow.table[k, ADDRESS])(
             t,
@@ -232,6 +232,11 @@ def evaluate_lanes(follow, t, u, v, p):
             part_of_row(follow.extremes, T_LOW, column, width),
             part_of_row(follow.extremes, T_HIGH, column, width),
         )
+
+
+@element
+def nothing_to_widen(follow, first, part, t, v):
+    """The `widen_all` of blocks: their quantities widen the extremes themselves."""
 
 
 @dataclass(frozen=True)

@@ -37,13 +37,14 @@ NEXT, LOGGED, ANEW, GAP, ENDED_BY, WITHIN = range(11, 17)
 #: longest step in which nothing acted, and the time of its end.
 BY_SPAN, SILENT_STEP, SILENT_END = range(17, 20)
 
-#: Further entries for a run with quantities: the number of the current part of the run, and the step index at its end.
-PART, PART_END = 20, 21
+#: Further entries for a run with quantities: the number of the current part of the run, and the step index at its end;
+#: the step index from which on the invariants are evaluated next, and the largest distance between two such indices.
+PART, PART_END, DUE, SPACING = range(20, 24)
 
 #: Four values follow for each event: the sign of g, where 0 means that it is looked at just after the start of the
 #: next step; the time of its last reset; the sign of g before this reset, if it left g at zero, or else 0; and g after
 #: it.
-EVENTS, EVENT_VALUES = 22, 4
+EVENTS, EVENT_VALUES = 24, 4
 
 #: What became of a step with events. A later one of these outcomes takes precedence. A step that is RESTING or
 #: NOT_A_NUMBER is not taken: the state stays at its start.
@@ -143,10 +144,13 @@ class Follow(NamedTuple):
     address of an array with a row of its values for each state that is saved, or 0; and a degree of freedom whose
     largest |v| is kept in `most`, or -1.
 
-    `out` has the values in the latest state. `extremes` are those over all states so far, see `LOW`, and `steps` the
-    lowest and highest values at the ends of steps and at events only. `parts` has such two rows for each of the last
-    parts of the run, and `forward` has 1.0 for each degree of freedom with v > 0 at the end of the part, else 0.0: a
-    part has the row part % PARTS. A part ends with a step index, and is longer by a fifth than those before together.
+    `out` has the values in the latest state in which a quantity was evaluated. `extremes` are those over all states so
+    far, see `LOW`, and `steps` the lowest and highest values at the ends of steps and at events only. `parts` has such
+    two rows for each of the last parts of the run, and `forward` has 1.0 for each degree of freedom with v > 0 at the
+    end of the part, else 0.0: a part has the row part % PARTS. A part ends with a step index, and is longer by a
+    fifth than those before together.
+
+    The first `invariants` quantities are not evaluated after each step, see `follow.next_due`.
 
     `advance` is the address of the function that advances the history in p after each step, or 0. `project` is the
     address of the function that moves the state to the nearest state that satisfies the constraints, before all else,
@@ -160,6 +164,7 @@ class Follow(NamedTuple):
     parts: Any
     forward: Any
     most: Any
+    invariants: int = 0
     advance: int = 0
     project: int = 0
 
@@ -221,7 +226,7 @@ _vector, _matrix = vector_type, matrix_type
 
 #: The types of the records. They hold matrices in each form; for one degree of freedom, these have one column.
 WATCH = types.NamedTuple((_integers, _matrix, _vector, _vector, *[_matrix] * 4), Watch)
-FOLLOW = types.NamedTuple((_integers, _vector, _matrix, _matrix, _parts_type, _matrix, _vector, int64, int64), Follow)
+FOLLOW = types.NamedTuple((_integers, _vector, _matrix, _matrix, _parts_type, _matrix, _vector, *[int64] * 3), Follow)
 WITHIN_STEP = types.NamedTuple(
     (_vector, _matrix, _vector, _vector, _matrix, _vector, _vector, _matrix, _matrix), Within
 )

@@ -28,6 +28,7 @@ OF_RUNS = {
     "t_eval": {"t_eval": WANTED},
     "outputs": {"outputs": {"force": force}},
     "invariants": {"invariants": {"energy": energy}},
+    "invariants_every": {"invariants_every": 4},
     "h_max": {"h_max": 0.02},
     "first_step": {"first_step": 1e-3},
     "max_steps": {"max_steps": 15},

@@ -38,6 +38,7 @@ OPTIONS = {
     "t_eval": {"t_eval": WANTED},
     "outputs": {"outputs": {"force": force}},
     "invariants": {"invariants": {"energy": energy}},
+    "invariants_every": {"invariants_every": 4},
     "inline": {"inline": True},
     "progress": {"progress": True},
 }

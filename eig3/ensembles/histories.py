@@ -16,6 +16,7 @@ from ..result.columns import OF_RUNS, each
 from ..result.memory import check_members_history, n_rows
 from ..result.solution import Solution, Status, whole_rows
 from ..run.run import ended_by_event
+from ..stepping.followed import n_invariants, spacing_of
 from ..stepping.options import RunOptions
 from .members import Members
 from .occurrences import MemberOccurrences
@@ -49,7 +50,8 @@ class Histories:
         self._room, self._longest = Lock(), rows
         if options.t_eval is None:
             self.u[:, 0], self.v[:, 0] = members.u0, members.v0
-        self.n_steps, self.n_rhs, self.n_iterations, self.n_rejected = (np.zeros(m, dtype=np.int64) for _ in range(4))
+        counts = (np.zeros(m, dtype=np.int64) for _ in range(5))
+        self.n_steps, self.n_rhs, self.n_iterations, self.n_rejected, self.n_invariants = counts
         self.h = np.array(members.steps)
         self.status = np.full(m, Status.INTERRUPTED, dtype=object)
         self.message = np.full(m, _NOT_STARTED, dtype=object)
@@ -80,6 +82,9 @@ class Histories:
     ) -> None:
         """End members after `index` steps; u, v and the outputs are those of their last states, shape (n, members)."""
         self.n_steps[chosen], self.n_rhs[chosen] = index, n_rhs
+        if self.drift:
+            every = self.options.functions.invariants_every
+            self.n_invariants[chosen] = n_invariants(index, spacing_of(every))
         complete = self.members.n_steps[chosen] == index
         self.status[chosen[complete]], self.message[chosen[complete]] = Status.COMPLETED, REACHED
         row = n_rows(index, self.every) - 1

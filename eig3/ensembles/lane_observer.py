@@ -63,7 +63,8 @@ class LaneObserver:
         self._out, self._extremes = self.numbers[:place], self.numbers[place:].reshape(4, column)
         self._extremes[LOW], self._extremes[HIGH] = np.inf, -np.inf
         arrays = self._table, self._out, self._extremes, _NONE, _NONE.reshape(0, 2, 0), _NONE, np.empty(0)
-        self.record = Follow(*arrays, project=shared.project.address if shared.project else 0)
+        invariants, project = len(shared.histories.drift), shared.project.address if shared.project else 0
+        self.record = Follow(*arrays, invariants, project=project)
 
     def begin(self, t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray) -> None:
         """Look at the start, with the values of the kernel."""

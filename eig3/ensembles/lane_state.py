@@ -6,8 +6,9 @@ import numpy as np
 
 from ..functions.guard import written_beyond
 from ..kernels.lanes import Layout
-from ..kernels.protocol import EVALUATIONS, EVENTS, PART_END, T_LOW, Look, Steps, Watch
+from ..kernels.protocol import DUE, EVALUATIONS, EVENTS, PART_END, SPACING, T_LOW, Look, Steps, Watch
 from ..result.memory import aligned
+from ..stepping.followed import spacing_of
 from ..stepping.march import Cancel
 from ..stepping.options import NEVER
 from ..stepping.slices import Slices
@@ -56,7 +57,8 @@ class LaneState:
         self._slices = Slices(shared.pace.seconds)
         self._method, self._tally = shared.method, np.zeros(EVENTS)
         self._set_numbers(everyone.first + members)
-        self._tally[PART_END] = NEVER
+        self._tally[PART_END], self._tally[DUE] = NEVER, 1
+        self._tally[SPACING] = spacing_of(shared.histories.options.functions.invariants_every)
         self._p = self._params(layout, everyone, members)
         u, v = (np.ascontiguousarray(x[members].T) for x in (everyone.u0, everyone.v0))
         v *= self._unit

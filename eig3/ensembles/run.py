@@ -56,6 +56,7 @@ def ensemble(
     events: Mapping[str, Event] | None = None,
     invariants: Mapping[str, Any] | None = None,
     outputs: Mapping[str, Any] | None = None,
+    invariants_every: int = 1,
     h_max: float | None = None,
     first_step: float | None = None,
     max_steps: int | None = None,
@@ -87,7 +88,8 @@ def ensemble(
     params : array_like, shape (k,) or (m, k); or NamedTuple or dict
         The parameters. rhs gets those of a member as p, of shape (k,). Of parameters with names, each array whose first
         axis has the length m has a value for each member. It is refused if rhs could take it as a whole too.
-    rtol, atol, method, save_every, t_eval, events, invariants, outputs, h_max, first_step, max_steps, progress, cancel
+    rtol, atol, method, save_every, t_eval, events, invariants, outputs, invariants_every : optional
+    h_max, first_step, max_steps, progress, cancel : optional
         As for `eig3.integrate`. By default only the first and the last state are saved.
     threads : int
         Number of threads; by default all cores that the process may use.
@@ -117,9 +119,8 @@ def ensemble(
     MemoryError, OSError, ImportError
         The histories do not fit in memory, or on the disk; or `progress` is True and tqdm is not installed.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` has the members that were finished, and the others as INTERRUPTED. With
-        `reduce` it is the list, with None for unfinished parts. It is None if no member had started. What rhs raises is
-        raised too, with the same attribute.
+        After Ctrl-C. `solution` has the finished members, and the others as INTERRUPTED. With `reduce` it is the list,
+        with None for unfinished parts; None before any start. What rhs raises is raised too, with this attribute.
 
     Notes
     -----
@@ -153,6 +154,7 @@ def ensemble(
             events=events,
             invariants=invariants,
             outputs=outputs,
+            invariants_every=invariants_every,
             h_max=h_max,
             first_step=first_step,
             max_steps=max_steps,

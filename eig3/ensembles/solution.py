@@ -58,7 +58,7 @@ class EnsembleSolution:
     message : ndarray of str, shape (m,)
         A sentence about how each member ended.
     drift : dict of str to ndarray, shape (m,)
-        For each invariant e, the maximum of |e_n - e_0| over all steps; NaN if e became NaN.
+        For each invariant e, the maximum of |e_n - e_0| over the ends of `n_invariants` steps; NaN if e became NaN.
     extremes : dict of str to Extremes
         For each invariant and each output, its minimum `low` and its maximum `high` over the ends of all steps, and
         their times `t_low` and `t_high`: arrays of shape (m,), or (m, k) for an output with k values. The peak of a
@@ -80,6 +80,8 @@ class EnsembleSolution:
         and times, and the time of the `first` in each member, of shape (m,), with NaN where there is none.
     n_rejected : ndarray of int, shape (m,)
         With tolerances, the number of steps of each member that were repeated with a shorter step.
+    n_invariants : ndarray of int, shape (m,)
+        The number of steps of each member after which its invariants were evaluated: see `Solution`.
     steps : ndarray, shape (m, s), or None
         With tolerances, the length of the step that led to each saved state, or that contains its time; NaN for a
         member that ran in lanes.
@@ -109,6 +111,7 @@ class EnsembleSolution:
     quadratures: dict[str, np.ndarray] = field(default_factory=dict)
     events: dict[str, MemberOccurrences] = field(default_factory=dict)
     n_rejected: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    n_invariants: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     steps: np.ndarray | None = None
     labels: Labels | None = None
     _last: dict[int, dict[str, Any]] = field(default_factory=dict)  # columns of a last state that is not one to save
@@ -354,7 +357,9 @@ class EnsembleSolution:
             f"  {self.kernel_seconds:.3g} s in the kernels ({1e9 * self.kernel_seconds / max(1, total):.3g} ns a step "
             "and member)",
         ]
-        lines += [f"  drift of {name}: at most {np.max(values):.4g}" for name, values in self.drift.items()]
+        evaluated = int(self.n_invariants.sum())
+        some = f" (at {evaluated:,} of {total:,} steps)" * (evaluated < total)
+        lines += [f"  drift of {name}: at most {np.max(values):.4g}{some}" for name, values in self.drift.items()]
         lines += [f"  Note: {note}" for note in self.notes]
         return "\n".join(lines)
 

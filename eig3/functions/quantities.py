@@ -1,4 +1,4 @@
-"""Quantities: the invariants and outputs of a run, compiled functions that are evaluated at every step."""
+"""Quantities: the invariants and outputs of a run, compiled functions that are evaluated along it."""
 
 from __future__ import annotations
 
@@ -25,16 +25,19 @@ class EnergyLessWork(NamedTuple):
 
 
 class Functions(NamedTuple):
-    """The functions that are evaluated at every step, by name, as the user or a problem passed them.
+    """The functions that are evaluated along a run, by name, as the user or a problem passed them.
 
     Attributes
     ----------
     invariants : mapping of str to jitted function, or to EnergyLessWork
     outputs : mapping of str to jitted function, or to (jitted function, k)
+    invariants_every : int
+        The invariants are evaluated after about every so many steps.
     """
 
     invariants: Mapping[str, Any]
     outputs: dict[str, Any]
+    invariants_every: int = 1
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
@@ -64,8 +67,8 @@ class Functions(NamedTuple):
         return invariants, outputs
 
 
-def check_functions(invariants: Any, outputs: Any) -> Functions:
-    """Return the functions that are evaluated at every step, in dictionaries that the caller cannot change.
+def check_functions(invariants: Any, outputs: Any, invariants_every: Any = 1) -> Functions:
+    """Return the functions that are evaluated along a run, in dictionaries that the caller cannot change.
 
     Raises
     ------
@@ -80,7 +83,8 @@ def check_functions(invariants: Any, outputs: Any) -> Functions:
             "outputs must be a dictionary of names and jitted functions, such as {'force': force}, or "
             "{'forces': (forces, k)} for k values."
         )
-    functions = Functions(dict(invariants or {}), dict(outputs or {}))
+    every = check_count(invariants_every, "invariants_every")
+    functions = Functions(dict(invariants or {}), dict(outputs or {}), every)
     check_names(functions.invariants, "invariants")
     check_names(functions.outputs, "outputs")
     for name, value in functions.outputs.items():
@@ -97,7 +101,7 @@ def check_functions(invariants: Any, outputs: Any) -> Functions:
 
 
 class Quantity:
-    """A function of the state that is evaluated at every step.
+    """A function of the state that is evaluated along a run.
 
     Parameters
     ----------

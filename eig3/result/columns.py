@@ -49,6 +49,7 @@ COLUMNS = (
     Column("n_rhs", int),
     Column("n_iterations", int),
     Column("n_rejected", int),
+    Column("n_invariants", int),
     Column("status", Status),
     Column("message", str),
     Column("drift", by_name=True),

@@ -63,8 +63,8 @@ class Solution:
     message : str
         A sentence about how the run ended. `explain` finds out more.
     drift : dict of str to float
-        For each invariant e, the maximum of |e_n - e_0| over the ends of all steps, not only over the saved states; NaN
-        if e became NaN.
+        For each invariant e, the maximum of |e_n - e_0| over the ends of `n_invariants` steps and the events; NaN if e
+        became NaN.
     extremes : dict of str to Extremes
         For each invariant and each output, its minimum `low` and its maximum `high`, and their times `t_low` and
         `t_high`; NaN, and the time of the first NaN, if it became NaN. With a fixed step, they are those over the ends
@@ -84,6 +84,9 @@ class Solution:
         The values of each output at the saved states.
     n_rejected : int
         Number of steps that were repeated with a shorter step, because their error was beyond the tolerances.
+    n_invariants : int
+        Number of steps after which the invariants were evaluated: all, unless `invariants_every` says otherwise. For
+        the energy of a problem it is about every hundredth.
     steps : ndarray, shape (m,), or None
         With tolerances, the length of the step that led to each saved state, or that contains its time, and 0 for the
         first state. None for a fixed step.
@@ -111,6 +114,7 @@ class Solution:
     events: dict[str, Occurrences] = field(default_factory=dict)
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
     n_rejected: int = 0
+    n_invariants: int = 0
     steps: np.ndarray | None = None
     labels: Labels | None = None
     reason: Reason | None = None
@@ -494,7 +498,8 @@ class Solution:
             f"  {self.n_rhs} evaluations{f', {self.n_iterations} iterations' * (self.n_iterations > 0)}, "
             f"{self.kernel_seconds:.3g} s in the kernel ({per_step:.3g} ns a step)",
         ]
-        lines += [f"  drift of {name}: {value:.4g}" for name, value in self.drift.items()]
+        some = f" (at {self.n_invariants:,} of {self.n_steps:,} steps)" * (self.n_invariants < self.n_steps)
+        lines += [f"  drift of {name}: {value:.4g}{some}" for name, value in self.drift.items()]
         lines += [f"  {self.message}"] * (not self.success)
         lines += [f"  Note: {note}" for note in self.notes]
         return "\n".join(lines)

@@ -36,6 +36,7 @@ def integrate(
     events: Mapping[str, Event] | None = None,
     invariants: Mapping[str, Any] | None = None,
     outputs: Mapping[str, Any] | None = None,
+    invariants_every: int = 1,
     h_max: float | None = None,
     first_step: float | None = None,
     max_steps: int | None = None,
@@ -50,8 +51,7 @@ def integrate(
     Parameters
     ----------
     rhs : jitted function
-        The acceleration: ``f(t, u, v, p) -> a`` for one degree of freedom, and ``f(t, u, v, p, a)``, which writes every
-        a[j], for n. Decorate it with ``@eig3.jit``. It must not write to u, v or p.
+        ``@eig3.jit`` of ``f(t, u, v, p) -> a``, or for n degrees of freedom ``f(t, u, v, p, a)``, which writes a only.
     t_span : (float, float)
         First and last time.
     u0, v0 : float or array_like, shape (n,)
@@ -73,10 +73,12 @@ def integrate(
     events : dict of str to Event
         Functions of the state whose zeros are found, by name; see `eig3.Event`.
     invariants : dict of str to jitted function
-        Functions ``e(t, u, v, p) -> float`` by name, for each step. The solution has their `drift` and `extremes`.
+        Functions ``e(t, u, v, p) -> float`` by name. The solution has their `drift` and `extremes`.
     outputs : dict of str to jitted function, or to (jitted function, k)
-        Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values, by name. `solution.outputs` has
-        their values at the saved states, and `solution.extremes` their extremes over the run.
+        Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values, by name. The solution has their
+        `outputs` at the saved states, and their `extremes` over the run.
+    invariants_every : int
+        Evaluate the invariants after about every `invariants_every`-th step only, and more often in the first steps.
     h_max, first_step, max_steps : float, float, int
         With rtol: the longest and the first step, and the number of steps after which the run ends.
     inline : bool
@@ -100,8 +102,7 @@ def integrate(
     MemoryError, OSError
         The history does not fit in memory, or on the disk of `save_to`.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` is the run up to then; None if no run had started. What rhs raises is
-        raised too, with the same attribute.
+        After Ctrl-C. `solution` is the run up to then, or None. What rhs raises is raised too, with this attribute.
     """
     u, v, form = check_state(u0, v0)
     params = named(params)
@@ -116,6 +117,7 @@ def integrate(
         events=events,
         invariants=invariants,
         outputs=outputs,
+        invariants_every=invariants_every,
         h_max=h_max,
         first_step=first_step,
         max_steps=max_steps,

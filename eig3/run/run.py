@@ -485,6 +485,7 @@ def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[
         "n_steps": stepper.index,
         "n_rhs": 1 + int(tally.item(EVALUATIONS)),
         "n_iterations": int(tally.item(ITERATIONS)),
+        "n_invariants": stepper.look.n_invariants(stepper.index, tally) if stepper.look else 0,
         "status": Status.COMPLETED,
         "message": COMPLETED,
         "kernel_seconds": stepper.seconds,

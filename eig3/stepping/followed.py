@@ -10,6 +10,21 @@ from ..functions.guard import CELLS
 from ..functions.quantities import Functions, Quantity
 from ..kernels.protocol import PARTS, Form, Within
 
+_OFF_PERIOD = (math.sqrt(5) - 1) / 2  # an irrational number, and one that no fraction with small numbers is near to
+
+
+def spacing_of(every: int) -> float:
+    """Return the entry `SPACING` of a tally for invariants that are evaluated after about every so many steps."""
+    return 1.0 if every == 1 else every + _OFF_PERIOD
+
+
+def n_invariants(n_steps: int, spacing: float) -> int:
+    """Return after how many steps of a run `kernels.loops.follow.next_due` lets its invariants be evaluated."""
+    count, due = 0, 1.0
+    while due <= n_steps and due < 8 * spacing and spacing > 1:
+        count, due = count + 1, due + max(1.0, due / 8)
+    return count + max(0, int((n_steps - due) / spacing + 1))
+
 
 class Followed:
     """The quantities that runs of a system follow, and where each has its place in the arrays of an `Observer`.

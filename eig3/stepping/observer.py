@@ -18,6 +18,7 @@ from ..functions.guard import CELLS, are_untouched, beyond, guarded
 from ..kernels.loops.zeros import NEAR
 from ..kernels.protocol import (
     COLUMN,
+    DUE,
     EVENT_VALUES,
     EVENTS,
     HIGH,
@@ -28,6 +29,7 @@ from ..kernels.protocol import (
     PART_END,
     ROWS,
     SCALAR,
+    SPACING,
     T_HIGH,
     T_LOW,
     Follow,
@@ -35,6 +37,7 @@ from ..kernels.protocol import (
     Watch,
     Within,
 )
+from .followed import n_invariants, spacing_of
 from .samples import within_steps
 from .system import System
 
@@ -109,7 +112,7 @@ class Observer:
     def arguments(self) -> Look:
         """What the kernel gets."""
         arrays = self._table, self._out, self._widest, self.steps, self.parts, self.forward, self.most
-        follow = Follow(*arrays, self.followed.advance, self.followed.project)
+        follow = Follow(*arrays, len(self.followed.invariants), self.followed.advance, self.followed.project)
         return Look(self.watch, follow, self._within)
 
     def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any, params: np.ndarray) -> None:
@@ -121,7 +124,8 @@ class Observer:
             If `apply` of an event writes beyond the end of u or v, or if a quantity does not write all of its values,
             or writes beyond them.
         """
-        tally[PART_END] = 1
+        tally[PART_END] = tally[DUE] = 1
+        tally[SPACING] = spacing_of(self.followed.functions.invariants_every)
         values = tally[EVENTS:].reshape(-1, EVENT_VALUES)
         values[:, 0], values[:, 1], values[:, 2:] = 0.0, -np.inf, 0.0
         for k, (name, (g, apply)) in enumerate(zip(self.system.events, self.system.event_callbacks, strict=True)):
@@ -274,6 +278,10 @@ class Observer:
     def drift(self) -> dict[str, float]:
         """The maximum of |e_n - e_0| of each invariant over the ends of steps and the events; NaN if e became NaN."""
         return {name: self.drift_of(k) for name, k in self.followed.invariants.items()}
+
+    def n_invariants(self, n_steps: int, tally: np.ndarray) -> int:
+        """The number of steps of a run after which the invariants were evaluated; 0 if there are none."""
+        return n_invariants(n_steps, float(tally[SPACING])) if self.followed.invariants else 0
 
     def drift_of(self, k: int) -> float:
         """The drift of one invariant."""

@@ -38,7 +38,7 @@ class RunOptions(NamedTuple):
     t_eval : ndarray or None
     events : dict of str to Event
     functions : Functions
-        The invariants and the outputs.
+        The invariants and the outputs, and how often the invariants are evaluated.
     inline : bool
     labels : Labels or None
         Names and units of the degrees of freedom.
@@ -93,6 +93,7 @@ def run_options(
     events: Mapping[str, Event] | None = None,
     invariants: Mapping[str, Any] | None = None,
     outputs: Mapping[str, Any] | None = None,
+    invariants_every: int = 1,
     h_max: float | None = None,
     first_step: float | None = None,
     max_steps: int | None = None,
@@ -123,7 +124,8 @@ def run_options(
         tolerances = check_tolerances(rtol, atol, h_max, first_step, max_steps)
         method = None if method is None else check_variable(method)
     save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
-    events, functions, inline = check_events(events), check_functions(invariants, outputs), check_flag(inline, "inline")
+    functions = check_functions(invariants, outputs, invariants_every)
+    events, inline = check_events(events), check_flag(inline, "inline")
     return RunOptions(h, tolerances, method, save_every, t_eval, events, functions, inline, labels, quadratures, layout)
 
 

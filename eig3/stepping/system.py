@@ -155,8 +155,9 @@ def remembered(rhs: Any, form: Form, options: RunOptions) -> System:
     right-hand side itself has its systems, so that they are forgotten with it. A function that was compiled anew, or
     whose captured values have changed, makes another system.
     """
-    functions = (tuple(part.items()) for part in (options.events, *options.functions))
-    others = options.method, options.inline, options.labels, options.quadratures
+    invariants, outputs, every = options.functions
+    functions = (tuple(part.items()) for part in (options.events, invariants, outputs))
+    others = every, options.method, options.inline, options.labels, options.quadratures
     key = form.name, options.h is None, options.t_eval is None, *functions, *others
     try:
         systems = vars(rhs).setdefault("_eig3_systems", {})

@@ -27,8 +27,10 @@ _CELLS = 2  # parts of the step between two points in which the slope of the pol
 _CLOSE = 1e-9  # error of the place of an extreme of the polynomial, relative to the step
 
 
-def follow_within(place, t_end, h, s, n, p):
-    """Widen the extremes by those within a step of the length h to t_end, and by the values at its end.
+def follow_within(place, first, t_end, h, s, n, p):
+    """Widen the extremes of the quantities from `first` on by those within a step, and by the values at its end.
+
+    The step has the length h and ends at t_end.
 
     The look is at the address `place`. The step is the part up to s of the step of the dense output, in `watch.work`.
     The values at its end are in `follow.out`, and stay there.
@@ -41,11 +43,11 @@ def follow_within(place, t_end, h, s, n, p):
         dense = within.coefficients
         write_up_to(dense, coefficients, s, n)
     times[last] = t_end
-    for k in range(len(follow.table)):
+    for k in range(first, len(follow.table)):
         keep_sample(follow, within, k, last)
     for j in range(len(within.before)):
         samples[0, j], within.before[j] = within.before[j], samples[last, j]
-    for k in range(len(follow.table)):
+    for k in range(first, len(follow.table)):
         SAMPLE(place, k, t_end, h, dense, within.points[half], n, p, half)
         widen_by(place, k, half)
         widen_by(place, k, last)
@@ -55,10 +57,10 @@ def follow_within(place, t_end, h, s, n, p):
                     SAMPLE(place, k, t_end, h, dense, within.points[m], n, p, m)
             for m in range(1, last):
                 widen_by(place, k, m)
-            first = follow.table[k, COLUMN]
-            for j in range(first, first + max(follow.table[k, WIDTH], 1)):
+            column = follow.table[k, COLUMN]
+            for j in range(column, column + max(follow.table[k, WIDTH], 1)):
                 REFINE(place, k, j, t_end, h, dense, n, p)
-    for k in range(len(follow.table)):
+    for k in range(first, len(follow.table)):
         for j in range(max(follow.table[k, WIDTH], 1)):
             follow.out[follow.table[k, OUT] + j] = samples[last, follow.table[k, COLUMN] + j]
 
@@ -186,5 +188,5 @@ def within_functions(form: Form) -> tuple[Any, Any]:
     names: dict[str, Any] = {"EVALUATE_ONE": functions(form).evaluate_one}
     names["SAMPLE"] = outlined(bound(sample, names))
     names["REFINE"] = outlined(bound(refine, names))
-    signature = none(int64, float64, float64, float64, int64, vector_type)
+    signature = none(int64, int64, float64, float64, float64, int64, vector_type)
     return linked(follow_within, names, signature, form.name), element(follow_end)

@@ -22,7 +22,7 @@ from numba.types import Tuple, UniTuple, int64, none
 from ..compile.jit import bound, compile_kernel, compiled, element
 from ..compile.numba_internals import address_of as address_of_code
 from ..compile.numba_internals import has_wide_vectors, wide_vectors
-from ..lanes import evaluate_lanes
+from ..lanes import evaluate_lanes, nothing_to_widen
 from ..protocol import (
     ANEW,
     EVALUATIONS,
@@ -263,7 +263,7 @@ def wide_kernel(method: Formulas, looks: int, second: str = "") -> Any:
     callbacks, shared = pointer_callbacks(VECTOR, second)
     formulas = method.names(VECTOR)
     names = {**shared, **{name: element(formulas[name].py_func) for name in ("STEP", "COMPLETE")}, "N": 0, "STACKED": 0}
-    names |= {"EVALUATE": evaluate_lanes, "WIDEN": nothing, "MAY_BE_ONLY": 0}
+    names |= {"EVALUATE": evaluate_lanes, "WIDEN": nothing_to_widen, "MAY_BE_ONLY": 0}
     names |= {"ADVANCE_HISTORY": no_history, "PROJECT": functions(VECTOR).project}
     label = f"{method.label}_wide_{looks}{second}" if method.is_own else ""
     with wide_vectors():

@@ -17,6 +17,7 @@ from ..compile.source import define
 from ..protocol import (
     ADDRESS,
     COLUMN,
+    DUE,
     HIGH,
     LOW,
     OUT,
@@ -24,6 +25,7 @@ from ..protocol import (
     PART_END,
     PARTS,
     ROWS,
+    SPACING,
     T_HIGH,
     T_LOW,
     WIDTH,
@@ -42,8 +44,8 @@ def evaluate_one(follow, k, t, u, v, p):
         written(follow, k, WRITTEN(address), width, t, u, v, p)
 
 
-def evaluate_all(follow, t, u, v, p):
-    for k in range(len(follow.table)):
+def evaluate_all(follow, first, t, u, v, p):
+    for k in range(first, len(follow.table)):
         EVALUATE_ONE(follow, k, t, u, v, p)
 
 
@@ -70,9 +72,35 @@ def no_history(follow, t, u, v, p):
 
 
 @element
-def widen_all(follow, part, t, v):
+def next_due(due, spacing):
+    """Return from which step index on the invariants are evaluated after they were due at `due`.
+
+    The distance grows to `spacing`. This is no integer if it is beyond 1: the invariants of a periodic motion are then
+    evaluated in all of its phases.
+    """
+    return due + max(1.0, min(due / 8, spacing))
+
+
+@element
+def acts_at_each(follow):
+    """Return whether something is done after each step, besides invariants."""
+    return len(follow.table) > follow.invariants or follow.advance != 0 or follow.project != 0
+
+
+@element
+def first_due(follow, tally, i):
+    """Return the first quantity to evaluate after step i: 0, or the number of invariants if these are not due."""
+    if i < tally[DUE]:
+        return follow.invariants
+    if tally[SPACING] > 1:
+        tally[DUE] = next_due(tally[DUE], tally[SPACING])
+    return 0
+
+
+@element
+def widen_all(follow, first, part, t, v):
     """Widen the extremes by the values in `follow.out`."""
-    for k in range(len(follow.table)):
+    for k in range(first, len(follow.table)):
         widen_one(follow, k, max(follow.table[k, WIDTH], 1), part, t, v)
 
 
@@ -146,8 +174,8 @@ def widen(extremes, j, e, t):
 
 @element
 def save(follow, row):
-    """Copy the values in `follow.out` to the row of a state that is saved."""
-    for k in range(len(follow.table)):
+    """Copy the values of the outputs in `follow.out` to the row of a state that is saved."""
+    for k in range(follow.invariants, len(follow.table)):
         address, width = follow.table[k, ROWS], max(follow.table[k, WIDTH], 1)
         if address != 0:
             for j in range(width):
@@ -170,7 +198,7 @@ def widen_only(follow, part, e, t):
 
 @functools.cache  # so that kernels share the compiled elements
 def functions(form: Form) -> SimpleNamespace:
-    """Return the elements `evaluate(follow, t, u, v, p)` and `evaluate_one(follow, k, t, u, v, p)` for one form.
+    """Return the elements `evaluate(follow, first, t, u, v, p)` and `evaluate_one(follow, k, t, u, v, p)` for one form.
 
     ``first(follow)`` is the function of the first quantity, if it returns its value. ``advance(follow, t, u, v, p)`` is
     `advance_history`, and ``project(follow, t, u, v, p)`` is `project_state`.
@@ -191,11 +219,11 @@ def inline_functions(form: Form, quantities: tuple) -> tuple[Any, Any]:
     `quantities` are pairs of a jitted function and its number of values, or 0, in the order of `Follow.table`.
     """
     names: dict[str, Any] = {"__name__": __name__, "returned": returned, "written": written, "widen_one": widen_one}
-    evaluated, widened = ["def evaluate(follow, t, u, v, p):"], ["def widen(follow, part, t, v):"]
+    evaluated, widened = ["def evaluate(follow, first, t, u, v, p):"], ["def widen(follow, first, part, t, v):"]
     for k, (function, width) in enumerate(quantities):
         names[f"quantity{k}"] = form.with_rows("output" if width else "invariant", function)
         how = f"written(follow, {k}, quantity{k}, {width}" if width else f"returned(follow, {k}, quantity{k}"
-        evaluated.append(f"    {how}, t, u, v, p)")
-        widened.append(f"    widen_one(follow, {k}, {max(width, 1)}, part, t, v)")
+        evaluated.append(f"    if first <= {k}:\n        {how}, t, u, v, p)")
+        widened.append(f"    if first <= {k}:\n        widen_one(follow, {k}, {max(width, 1)}, part, t, v)")
     defined = define("\n".join([*evaluated, "    return", "", *widened, "    return", ""]), "quantities", names)
     return element(defined["evaluate"]), element(defined["widen"])

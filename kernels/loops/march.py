@@ -17,8 +17,8 @@ import math
 import numba
 
 from ..compile.jit import element
-from ..protocol import FAILED, NEXT, PART, PARTS, SEARCHES, At, row_index
-from .follow import only_quantity, save, widen_only
+from ..protocol import DUE, FAILED, NEXT, PART, PARTS, SEARCHES, SPACING, At, row_index
+from .follow import acts_at_each, next_due, only_quantity, save, widen_only
 from .pair import U_END, V_END, U, V
 
 #: How a march ended, besides FAILED: after its last step, or with a step that must be searched.
@@ -42,6 +42,9 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
         is_only, place = only_quantity(look.follow)
         quantity = QUANTITY(look.follow)
         e, low, high, t_low, t_high = math.nan, math.inf, -math.inf, math.nan, math.nan
+    if LOOKS > 0:
+        due, spacing, follow, is_complete = tally[DUE], tally[SPACING], look.follow, True
+        looks_at_each = LOOKS == SEARCHES or acts_at_each(follow)
     if LOOKS == SEARCHES:
         wanted = next_time(look.watch, tally)
     i, t, ended = first, steps.t0 + first * steps.h, THROUGH
@@ -57,9 +60,11 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
         i += 1
         t = steps.t0 + i * steps.h
         if LOOKS > 0:
+            is_complete = looks_at_each or i >= due
+        if LOOKS > 0 and is_complete:
             complete(y, c, steps.h, n)
             if STACKED == 0:
-                PROJECT_STEP(look.follow, t, y[0], y[1], steps.p)
+                PROJECT_STEP(follow, t, y[0], y[1], steps.p)
             if LOOKS == SEARCHES:
                 u, v = y[0], y[1]
                 if N > 1 and STACKED > 0:  # rows whose address a function gets cannot be registers
@@ -68,35 +73,48 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
                 if wanted <= t or not IS_QUIET(look.watch, tally, t, u, v, steps.p):
                     ended = FOUND
                     break
+            quantities = follow.invariants
+            if i >= due:
+                quantities = 0
+                if spacing > 1:
+                    due = next_due(due, spacing)
             if MAY_BE_ONLY > 0 and is_only:
-                e = quantity(t, y[0], y[1], steps.p)
-                if e < low:
-                    low, t_low = e, t
-                if e > high:
-                    high, t_high = e, t
-                if e != e:
-                    widen_only(look.follow, part, e, t)
+                if quantities == 0:
+                    e = quantity(t, y[0], y[1], steps.p)
+                    if e < low:
+                        low, t_low = e, t
+                    if e > high:
+                        high, t_high = e, t
+                    if e != e:
+                        widen_only(follow, part, e, t)
             else:
-                EVALUATE(look.follow, t, y[0], y[1], steps.p)
-                WIDEN(look.follow, part, t, y[1])
+                EVALUATE(follow, quantities, t, y[0], y[1], steps.p)
+                WIDEN(follow, quantities, part, t, y[1])
             if STACKED == 0:
-                ADVANCE_HISTORY(look.follow, t, y[0], y[1], steps.p)
+                ADVANCE_HISTORY(follow, t, y[0], y[1], steps.p)
         left -= 1
         if left == 0:
             if LOOKS == 0:
                 complete(y, c, steps.h, n)
+            elif not is_complete:
+                complete(y, c, steps.h, n)
+                is_complete = True
             write(y[0], y[1], n, steps, row)
-            if LOOKS > 0:
+            if LOOKS > 0 and looks_at_each:
                 if MAY_BE_ONLY > 0 and is_only:
-                    look.follow.out[place] = e
-                save(look.follow, row)
+                    follow.out[place] = e
+                save(follow, row)
             row += 1
             left = steps.every
+    if LOOKS > 0:
+        tally[DUE] = due
+        if not is_complete:
+            complete(y, c, steps.h, n)
     if LOOKS > 0 and MAY_BE_ONLY > 0 and is_only:
-        look.follow.out[place] = e
+        follow.out[place] = e
         if low <= high:
-            widen_only(look.follow, part, low, t_low)
-            widen_only(look.follow, part, high, t_high)
+            widen_only(follow, part, low, t_low)
+            widen_only(follow, part, high, t_high)
     if LOOKS == 0 and ended == THROUGH and last > first:  # otherwise the last step may be one of the starter
         complete(y, c, steps.h, n)
     return y, i, row, ended

@@ -37,7 +37,7 @@ from ..protocol import (
     vector_type,
 )
 from .dense import quintic
-from .follow import functions, save, widen_all
+from .follow import first_due, functions, save, widen_all
 from .formulas import Formulas, nothing, variable_formulas
 from .march import copy_two, write
 from .pair import A_END, U_END, V_END, A, U, V
@@ -58,11 +58,12 @@ def go_on(address, place, of_steps, tally, outcome, i, row, u, v, a):
         RHS(address)(t, u, v, p, a)
         tally[EVALUATIONS] += 1
         tally[ANEW] = i
+    first = 0 if outcome != PASSED else first_due(follow, tally, i)
     if outcome <= RESTING:
-        EVALUATE(follow, t, u, v, p)
+        EVALUATE(follow, first, t, u, v, p)
         ADVANCE_HISTORY(follow, t, u, v, p)
     if outcome <= RESET:
-        widen_all(follow, int(tally[PART]) % PARTS, t, v)
+        widen_all(follow, first, int(tally[PART]) % PARTS, t, v)
         if i % steps.every == 0:
             write(u, v, steps.u_rows.shape[1], steps, row)
             save(follow, row)

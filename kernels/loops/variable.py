@@ -36,6 +36,7 @@ from ..protocol import (
     SEARCHES,
     SILENT_END,
     SILENT_STEP,
+    SPACING,
     SPAN,
     STEP,
     STEP_BEFORE,
@@ -58,7 +59,7 @@ from .controller import LEAST_ERROR, exponent, next_step, shrinkage
 from .dense import evaluate
 from .extremes_within import within_functions
 from .fixed import STACKED_DEGREES, inline_callbacks, pointer_callbacks
-from .follow import end_part, inline_functions, save, widen_all
+from .follow import end_part, first_due, inline_functions, save, widen_all
 from .follow import functions as following
 from .formulas import variable_formulas
 from .pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
@@ -87,7 +88,7 @@ def variable(callbacks, state, settings, tally, span, look):
     if LOOKS > 0:
         place, watch, follow = address_of(look), look.watch, look.follow
         (u_there, v_there), coefficients = rows(watch.work, 2), watch.work[2:]
-        has_events, has_times, follows = len(watch.events) > 0, len(watch.times) > 0, len(follow.table) > 0
+        has_events, has_times = len(watch.events) > 0, len(watch.times) > 0
     share = least_size(span.rtol)
     t, h, was_rejected = tally[TIME], tally[STEP], False
     taken, row, ended = 0, span.row, GOING
@@ -135,11 +136,15 @@ def variable(callbacks, state, settings, tally, span, look):
         if LOOKS > 0 and N == 0:
             PROJECT(look.follow, t_end, u_end, v_end, p)
         if LOOKS > 0:
-            is_known = follows
+            first = first_due(follow, tally, span.first + taken)
+            # within a step, only what was evaluated at its start is followed
+            first_within = 0 if tally[SPACING] == 1 else follow.invariants
+            follows, follows_within = len(follow.table) > first, len(follow.table) > first_within
+            is_known = follows_within
             if LOOKS == SEARCHES:
                 may_cross = has_events and not IS_QUIET(watch, tally, t_end, u_end, v_end, p)
                 is_wanted = has_times and tally[NEXT] < len(watch.times) and watch.times[int(tally[NEXT])] <= t_end
-                is_known = follows or may_cross or is_wanted
+                is_known = follows_within or may_cross or is_wanted
             if is_known:
                 DENSE(f, t, step, p, n, y, coefficients)
         if LOOKS == SEARCHES and may_cross:
@@ -160,9 +165,9 @@ def variable(callbacks, state, settings, tally, span, look):
                 evaluate(coefficients, s, n, u_end, v_end)
             if follows:
                 part = int(tally[PART]) % PARTS
-                EVALUATE(follow, t_stop, u_end, v_end, p)
-                if t_stop > t:
-                    FOLLOW_WITHIN(place, t_stop, s * step, s, n, p)
+                EVALUATE(follow, first, t_stop, u_end, v_end, p)
+                if follows_within and t_stop > t:
+                    FOLLOW_WITHIN(place, first_within, t_stop, s * step, s, n, p)
             if N == 0:
                 ADVANCE_HISTORY(follow, t_stop, u_end, v_end, p)
         if LOOKS == SEARCHES and outcome != PASSED:
@@ -182,13 +187,13 @@ def variable(callbacks, state, settings, tally, span, look):
                 h = min(h, LATER * tally[GAP])
             if N == 0:
                 ADVANCE_HISTORY(follow, t_stop, u, v, p)
-            if follows and outcome <= ZENO:
-                EVALUATE(follow, t_stop, u, v, p)
-                WIDEN(follow, part, t_stop, v)
+            if outcome <= ZENO:
+                EVALUATE(follow, 0, t_stop, u, v, p)
+                WIDEN(follow, 0, int(tally[PART]) % PARTS, t_stop, v)
                 FOLLOW_END(follow, look.within)
         else:
             if LOOKS > 0 and follows:
-                WIDEN(follow, part, t_end, v_end)
+                WIDEN(follow, first, part, t_end, v_end)
             ADVANCE(y, n)
         if outcome != TERMINAL and has_rows and (span.first + taken) % span.every == 0:
             write_row(span, row, t_stop, s * step, n, u, v)

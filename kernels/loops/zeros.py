@@ -331,7 +331,7 @@ def take(place, tally, k, t0, t, n, u, v, p):
 
 
 def write_time(place, tally, t, h, t_end, n, coefficients, u_end, v_end, p):
-    """Write the state at the next of `watch.times`, and the values of the quantities there."""
+    """Write the state at the next of `watch.times`, and the values of the outputs there."""
     look, row = look_at(place), int(tally[NEXT])
     watch = look.watch
     (u,), (v,) = rows(watch.u_rows[row:], 1), rows(watch.v_rows[row:], 1)
@@ -341,7 +341,7 @@ def write_time(place, tally, t, h, t_end, n, coefficients, u_end, v_end, p):
     else:
         evaluate(coefficients, (watch.times[row] - t) / h, n, u, v)
     watch.h_rows[row] = h
-    EVALUATE(look.follow, watch.times[row], u, v, p)
+    EVALUATE(look.follow, look.follow.invariants, watch.times[row], u, v, p)
     follow.save(look.follow, row)
     tally[NEXT] += 1
 
@@ -349,8 +349,8 @@ def write_time(place, tally, t, h, t_end, n, coefficients, u_end, v_end, p):
 def followed(place, part, t, u, v, p):
     """Evaluate the quantities in a state, and widen their extremes."""
     quantities = look_at(place).follow
-    EVALUATE(quantities, t, u, v, p)
-    WIDEN(quantities, part, t, v)
+    EVALUATE(quantities, 0, t, u, v, p)
+    WIDEN(quantities, 0, part, t, v)
 
 
 @functools.cache  # so that kernels share the compiled elements
