@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 F = TypeVar("F", bound=Callable[..., Any])
 
 _UNKNOWN = re.compile(r"(?:got an unexpected keyword argument|has no argument) '(\w+)'")
+_MISSING = re.compile(r"missing \d+ required keyword-only argument")  # perhaps because its keyword is an unknown one
 _INTERNAL = {"self", "layout", "labels", "quadratures"}  # arguments for internal use
 
 #: The names of an argument in other codes, by its name here.
@@ -22,7 +23,7 @@ _ELSEWHERE = {
     "alpha": "damping kappa dsf",
     "angle": "theta0 rest_angle",
     "angular_velocity": "spin omega angvel ang_vel angmom",
-    "contact_distance": "reach diameter radius radii size cutoff",
+    "contact_distance": "reach diameter size cutoff",
     "cubic": "S2 k3 beta",
     "cutoff": "reach rc r_c rcut r_cut cut r_max",
     "damping": "c d gamma gamman damp viscosity damping_coefficient",
@@ -51,6 +52,7 @@ _ELSEWHERE = {
     "position": "pos x0",
     "prefactor": "strength charge q1q2 k_e",
     "r0": "length rest_length equilibrium_distance",
+    "radii": "radius",
     "regularization_speed": "slip v0 vd v_d frictionProportionalZone",
     "rest_length": "length l0 L0 r0 natural_length length0 springlength referenceLength reference_length",
     "rest_speed": "slow v_min",
@@ -111,12 +113,15 @@ def with_suggestions(*further: Callable) -> Callable[[F], F]:
             try:
                 return public(*args, **keywords)
             except TypeError as error:
-                found = _UNKNOWN.search(str(error)) if keywords else None
-                if not found or found[1] not in keywords:
+                known, found = _names(public, *further), _UNKNOWN.search(str(error))
+                refused = [found[1]] if found else keywords.keys() - known if _MISSING.search(str(error)) else []
+                unknown = [name for name in keywords if name in refused]
+                if not unknown:
                     raise
             *kind, name = public.__qualname__.split(".")
             owner = [type(args[0]).__name__] if kind else []
-            raise refusal(".".join([*owner, name]).removesuffix(".__init__"), found[1], _names(public, *further))
+            name = re.sub(r"\.__(init|call)__$", "", ".".join([*owner, name]))
+            raise refusal(name, unknown[0], known)
 
         return call
 

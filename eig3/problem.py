@@ -94,8 +94,7 @@ class Problem:
     names : tuple of str
         The name of each degree of freedom, such as "x0"; empty if they have no names.
     exact : callable, optional
-        ``exact(t) -> (u, v)`` for an array of times. If it is not known, it is false in a condition: None, or a
-        placeholder whose call raises an error with the reason.
+        ``exact(t) -> (u, v)`` for an array of times; None, or another false value, if it is not known.
     continuum : callable, optional
         ``continuum(t) -> (u, v)`` of the continuous body that a lumped problem approximates, at the masses.
     source : str
@@ -359,6 +358,7 @@ class Problem:
             start = [_with_quadratures(x, len(self.quadratures)) for x in start]
         return ensemble(self.rhs, span, *start, h=h, params=params, **options)
 
+    @with_suggestions(Stepper.__init__)
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
         """Return a `Stepper` at the start of the problem, without `quadratures`.
 

@@ -23,6 +23,8 @@ from .result.solution import Solution
 _STATES = 20_000  # approximate largest number of saved states
 _VALUES = 4_000_000  # largest number of saved displacements and velocities
 _CSV_VALUES = 200_000  # a longer history is written only to the NPZ file
+_FIRST_STEPS = 500  # by which a step is judged before a run that is animated
+_REFINEMENTS = 4
 _PANEL = 6.5, 2.5  # width and height of a panel with its labels, inches
 
 
@@ -66,7 +68,7 @@ def run(
     Raises
     ------
     TypeError, ValueError
-        For bad arguments, as `eig3.integrate` raises them.
+        For bad arguments, as `eig3.integrate` raises them, and for a step that is too long for an animation.
     ImportError
         If a package or program for the animation is not installed.
     KeyboardInterrupt
@@ -82,6 +84,8 @@ def run(
     if animate:
         check_writer(animate)
     problem = build(**options)
+    if animate and h is not None:
+        _check_film(problem, check_h(h), "eig3" if method is None else method)
     interrupt = None
     try:
         solution = problem.integrate(**_steps(problem, h, rtol, method), invariants={})
@@ -116,6 +120,20 @@ def _steps(problem: Problem, h: float | None, rtol: float | None, method: str | 
         if rtol is None
         else _tolerances(problem, rtol, method)
     )
+
+
+def _check_film(problem: Problem, h: float, method: str | Method) -> None:
+    """Refuse a step with which an animation could not show the first steps, if a shorter one could."""
+    start, end = problem.t_span
+    beginning = problem.with_(t_span=(start, min(end, start + _FIRST_STEPS * h)))
+
+    def is_shown(step: float) -> bool:
+        return is_resolved(beginning.integrate(h=step, method=method, invariants={}))
+
+    if not is_shown(h):
+        shorter = next((step for step in (h / 8**k for k in range(1, _REFINEMENTS)) if is_shown(step)), None)
+        if shorter:
+            raise ValueError(f"h = {h:g} is too long for an animation of the motion; take h = {shorter:.2g} or less.")
 
 
 def _resolved(problem: Problem, solution: Solution, steps: Callable[[Problem], dict[str, Any]]) -> Solution:

@@ -1,5 +1,9 @@
 """The problems of the library, one per file."""
 
+import sys as _sys
+
+from eig3.keywords import with_suggestions as _with_suggestions
+
 from .arenstorf import arenstorf as arenstorf
 from .argon import argon as argon
 from .bouncing_ball import bouncing_ball as bouncing_ball
@@ -42,3 +46,7 @@ from .two_frequency_oscillator import two_frequency_oscillator as two_frequency_
 from .van_der_pol import van_der_pol as van_der_pol
 
 __all__ = sorted(name for name in globals() if not name.startswith("_"))
+
+for _name in __all__:  # also in its module, where pickle looks for it
+    _build = globals()[_name]
+    vars(_sys.modules[_build.__module__])[_name] = globals()[_name] = _with_suggestions()(_build)

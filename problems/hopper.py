@@ -50,8 +50,8 @@ def hopper(
     places = filling(n, opening) + rng.uniform(-0.01, 0.01, (n, 2)) * DIAMETER
     grains = scene.mass(MASS, places, inertia=MASS * DIAMETER**2 / 8)
     walls = scene.fixed(funnel(n, opening))
-    scene.add(HertzMindlin(E, NU, DIAMETER * rng.uniform(0.9, 1.0, n), friction, RESTITUTION), grains)
-    scene.add(HertzMindlin(E, NU, DIAMETER, friction, RESTITUTION), grains, others=walls)
+    scene.add(HertzMindlin(E, NU, friction, RESTITUTION, radii=DIAMETER / 2 * rng.uniform(0.9, 1.0, n)), grains)
+    scene.add(HertzMindlin(E, NU, friction, RESTITUTION, radii=DIAMETER / 2), grains, others=walls)
     scene.add(PlaneContact(FLOOR_STIFFNESS, (0, 1), -FLOOR * DIAMETER, DAMPING, friction, SLIP), grains)
     scene.add(Gravity((0, -G)))
     return scene.problem((0.0, t_end), name="hopper").with_(

@@ -43,8 +43,8 @@ def sand_column(n: int = 20_000, friction: float = 0.5, seed: int = 2004, t_end:
     scene = Scene(dimension=3)
     jitter = rng.uniform(-0.01, 0.01, places.shape) * DIAMETER
     grains = scene.mass(MASS, places + jitter, inertia=MASS * DIAMETER**2 / 10)
-    diameters = DIAMETER * rng.uniform(0.9, 1.0, len(places))
-    scene.add(HertzMindlin(E, NU, diameters, friction, RESTITUTION), grains)
+    radii = DIAMETER / 2 * rng.uniform(0.9, 1.0, len(places))
+    scene.add(HertzMindlin(E, NU, friction, RESTITUTION, radii=radii), grains)
     scene.add(PlaneContact(FLOOR, (0, 0, 1), 0.0, DAMPING, friction, SLIP), grains)
     scene.add(Gravity((0, 0, -G)))
     return scene.problem((0.0, t_end), name="sand_column").with_(

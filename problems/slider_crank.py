@@ -14,12 +14,12 @@ FLYWHEEL = 0.004  # moment of inertia of the crank about its bearing, kg m^2
 CRANK_MASS, ROD_MASS, PISTON = 2.0, 0.8, 0.6  # kg; the centre of mass of the crank is in its bearing
 
 
-def engine(spin: float = 50.0, torque: float = 0.0) -> tuple[Scene, RigidBody, RigidBody, Points]:
+def engine(angular_velocity: float = 50.0, torque: float = 0.0) -> tuple[Scene, RigidBody, RigidBody, Points]:
     """Return the scene, and its crank, rod and piston, at the start with the crank upright."""
     scene = Scene(dimension=2)
     pin, end = np.array([0.0, CRANK]), np.array([np.sqrt(ROD**2 - CRANK**2), 0.0])
-    speed = np.array([-spin * CRANK, 0.0])  # of the rod, which does not turn in this position
-    crank = scene.body(CRANK_MASS, FLYWHEEL, (0.0, 0.0), np.pi / 2, angular_velocity=spin)
+    speed = np.array([-angular_velocity * CRANK, 0.0])  # of the rod, which does not turn in this position
+    crank = scene.body(CRANK_MASS, FLYWHEEL, (0.0, 0.0), np.pi / 2, angular_velocity=angular_velocity)
     angle = np.arctan2(*(end - pin)[::-1])
     rod = scene.body(ROD_MASS, ROD_MASS * ROD**2 / 12, (pin + end) / 2, angle, velocity=speed)
     piston = scene.mass(PISTON, end, speed)
@@ -32,19 +32,19 @@ def engine(spin: float = 50.0, torque: float = 0.0) -> tuple[Scene, RigidBody, R
     return scene, crank, rod, piston
 
 
-def slider_crank(spin: float = 50.0, torque: float = 0.0, t_end: float = 0.5) -> Problem:
+def slider_crank(angular_velocity: float = 50.0, torque: float = 0.0, t_end: float = 0.5) -> Problem:
     """A crank that turns a flywheel and moves a piston, without gravity and friction.
 
     Parameters
     ----------
-    spin : float
+    angular_velocity : float
                 Angular velocity of the crank at the start, rad/s.
     torque : float
         On the crank, N m; without it, the energy is constant.
     t_end : float
         s.
     """
-    scene, *parts = engine(spin, torque)
+    scene, *parts = engine(angular_velocity, torque)
     return scene.problem((0.0, t_end), name="slider_crank").with_(
         h=1e-4,
         source="the kinetic energy is a function of the angle and the speed of the crank",
@@ -57,7 +57,7 @@ def draw(figure, solution, parts):
     paths = {"middle of the rod": rod.centre.positions(solution.u).T, "piston": piston.positions(solution.u).T}
     drawing.plane(figure, paths, fixed="bearing")
     drawing.lines(
-        drawing.time_panel(figure, "spin of the\ncrank (rad/s)"),
+        drawing.time_panel(figure, "angular velocity of\nthe crank (rad/s)"),
         solution.t,
         crank.angular_velocity(solution.u, solution.v),
     )

@@ -648,6 +648,16 @@ def test_the_beginning_of_a_run_is_called_so(brief, tmp_path, monkeypatch):
     assert any(line.startswith("the first ") for line in said)
 
 
+def test_a_step_that_is_too_long_is_refused_before_the_run(tmp_path, monkeypatch, capsys):
+    """The remedy is a step with which the film can be made, so that nobody has to guess one."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match=r"^eig3 run: h = 0\.5 is too long for an animation .* take h = 0\.062 or"):
+        main(["run", "single_dof", "--h", "0.5", "--animate"])
+    assert not list(tmp_path.iterdir())
+    assert not capsys.readouterr().out
+    assert is_resolved(problems.single_dof(t_end=250.0).integrate(h=0.062))
+
+
 def test_a_format_without_a_film_is_refused():
     with pytest.raises(SystemExit, match=r"^eig3 run: --format is the format of an animation: give --animate too"):
         main(["run", "single_dof", "--format", "gif"])

@@ -1,9 +1,11 @@
 """Effects on several points, meshes of cells, and forces between atoms: forces, conservation, materials and errors."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import skfem
 from scipy.spatial.transform import Rotation
 
 import eig3
@@ -489,21 +491,50 @@ class Thin(Triangle):
         return F
 
 
+@pytest.mark.parametrize(
+    ("mesh", "effect"),
+    [(skfem.MeshTri().refined(2), MEMBRANE), (skfem.MeshTet().refined(1), NeoHookean(5.0, 0.3))],
+    ids=["triangles", "tetrahedra"],
+)
+def test_a_mesh_of_inverted_cells_is_turned(mesh, effect):
+    """Of scikit-fem, whose cells have any orientation, until it is told to give them one."""
+    points, cells = mesh.p.T, mesh.oriented().t.T
+    inverted = cells[:, [1, 0, *range(2, cells.shape[1])]]
+    runs = []
+    for given, warns in (
+        (cells, nullcontext()),
+        (inverted, pytest.warns(UserWarning, match="all cells of the mesh")),
+    ):
+        scene = Scene(points.shape[1])
+        with warns:
+            scene.add_mesh(points, given, effect, density=1.0, velocity=points[:, ::-1] ** 2, fixed=points[:, 0] == 0)
+        runs.append(scene.problem((0.0, 0.1), work=True).integrate(h=1e-3))
+    assert runs[0].drift["energy"] < 1e-4
+    np.testing.assert_allclose(runs[1].u, runs[0].u, rtol=0, atol=1e-12)
+    with pytest.raises(ValueError, match=r"is inverted at rest in cells .* as mesh\.oriented\(\) of scikit-fem does"):
+        Scene(points.shape[1]).add_mesh(points, mesh.t.T, effect, density=1.0)
+
+
 BAD_VALUES = {
-    "cell 1 .* is inverted at rest: give its corners counterclockwise.": lambda: meshed(cells=[(0, 1, 2), (1, 2, 3)]),
-    "cell 0 of StVenantKirchhoffMembrane has no area at rest": lambda: meshed(
+    "StVenantKirchhoffMembrane is inverted at rest in cell 1: exchange two corners": lambda: meshed(
+        cells=[(0, 1, 2), (1, 2, 3)]
+    ),
+    "NeoHookean is inverted at rest in cells 1, 2: exchange two corners of each, as": lambda: meshed(
+        NeoHookean(1.0, 0.3), CORNER, [(0, 1, 2, 3), (0, 2, 1, 3), (0, 1, 3, 2)]
+    ),
+    "NeoHookean is inverted at rest in cells 0, .*, 9 and 5 more: exchange": lambda: meshed(
+        NeoHookean(1.0, 0.3), CORNER, [(0, 2, 1, 3)] * 15 + [(0, 1, 2, 3)]
+    ),
+    "StVenantKirchhoffMembrane has no area at rest in cell 0: move a corner of each.": lambda: meshed(
         points=[(0, 0), (1, 0), (2, 0)], cells=[(0, 1, 2)]
     ),
-    "cell 0 .* has no area at rest": lambda: meshed(points=[(0, 0, 0), (1, 1, 1), (2, 2, 2)], cells=[(0, 1, 2)]),
-    "cell 0 of NeoHookean is inverted at rest: exchange two of its corners.": lambda: meshed(
-        NeoHookean(1.0, 0.3), CORNER, [(0, 2, 1, 3)]
-    ),
-    "cell 0 of NeoHookean has no volume at rest": lambda: meshed(
+    "has no area at rest in cell 0": lambda: meshed(points=[(0, 0, 0), (1, 1, 1), (2, 2, 2)], cells=[(0, 1, 2)]),
+    "NeoHookean has no volume at rest in cell 0": lambda: meshed(
         NeoHookean(1.0, 0.3), CORNER * (1, 1, 0), [(0, 1, 2, 3)]
     ),
     "points must belong to cells, but point 3 does not: remove it from the mesh.": lambda: meshed(cells=[(0, 1, 2)]),
     r"cells must name points from 0 to 3, but cell 1 is \[1, 3, 4\]": lambda: meshed(cells=[(0, 1, 2), (1, 3, 4)]),
-    "cell 0 of StVenant": lambda: meshed(cells=[(1, 1, 2), (0, 1, 3)]),
+    "StVenantKirchhoffMembrane has no area at rest in cell 0": lambda: meshed(cells=[(1, 1, 2), (0, 1, 3)]),
     r"cells must have the shape \(cells, 3\), not \(1, 4\)": lambda: meshed(cells=[(0, 1, 2, 3)]),
     "density must be positive": lambda: meshed(density=0.0),
     r"density must be a number or have the shape \(2,\)": lambda: meshed(density=[1.0] * 3),
@@ -518,7 +549,7 @@ BAD_VALUES = {
     "angle of HarmonicAngle must not be above pi.": lambda: HarmonicAngle(1.0, 4.0),
     "cutoff of LennardJones must be positive.": lambda: LennardJones(1.0, 1.0, 0.0),
     "a of Morse must be positive.": lambda: Morse(1.0, 0.0, 1.0),
-    "cell 0 of HingeBending has a triangle without area at rest: move its corners.": lambda: (scene := Scene(3)).add(
+    "HingeBending has a triangle without area at rest in cell 0: move a corner": lambda: (scene := Scene(3)).add(
         HingeBending(1.0), *scene.mass(1.0, CHAIN[[1, 1, 2, 3]])
     ),
 }

@@ -1,6 +1,7 @@
 """Constraints: they hold to round-off, keep the order of every method, and take part in all that a run can do."""
 
 import functools
+import re
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -279,7 +280,15 @@ def test_constraints_that_do_not_fit_are_named():
         scene.problem((0.0, 1.0))
     scene = Scene(2)
     scene.add(effects.Rod([1.0, 3.0]), scene.fixed((0, 0)), scene.mass(1.0, [(1, 0), (0, 2)]))
-    with pytest.raises(ValueError, match=r"rod 1 does not hold at the start, where its phi is -0.833: move its points"):
+    with pytest.raises(ValueError, match="rod 1 has the length 3 m, but its ends are 2 m apart: move its points"):
+        scene.problem((0.0, 1.0))
+    scene = Scene(2)
+    scene.add(effects.PrescribedDistance(growing), scene.fixed((0, 0)), scene.mass(1.0, (0, 1.5)))
+    with pytest.raises(ValueError, match=r"distance 0 has the length 2 m, but its ends are 1.5 m apart"):
+        scene.problem((0.0, 1.0))
+    scene = Scene(2)
+    scene.add(OnCircle(2.0), scene.mass(1.0, (1.0, 0.0)))
+    with pytest.raises(ValueError, match=r"on circle 0 does not hold at the start, where its phi is -0.75: move its"):
         scene.problem((0.0, 1.0))
     scene = Scene(2)
     scene.add(effects.Rod(), scene.fixed((0, 0)), scene.mass(1.0, (1, 0), (1.0, 2.0)))
@@ -327,10 +336,56 @@ def test_a_singular_position_is_passed_or_reported(options):
     np.testing.assert_allclose(x[:, 1] - x[:, 0], np.tile([2.0, 0.0], (len(x), 1)), atol=1e-6)
     if not run.success:
         assert run.t[-1] == pytest.approx(0.4, abs=0.02)
-        assert "no state was found that keeps the constraints" in run.message
-        assert "may depend on each other" in run.explain()
+        assert "at a singular position of the mechanism, where its constraints depend on each other" in run.message
     with pytest.raises(ValueError, match="these constraints depend on each other at the start"):
         flat_four_bar(flat=True)
+
+
+@pytest.mark.parametrize("options", [{"h": 1e-3}, {"h": 1e-3, "method": "rk4"}, {"h": 1e-2, "method": "rk8"}])
+def test_the_runs_that_pass_a_singular_position_are_named(options):
+    """As it is for the user who runs them, and without a word about stability, of which it is no question."""
+    _, problem = flat_four_bar()
+    run = problem.integrate(**options)
+    assert run.status is eig3.Status.DIVERGED
+    why = run.explain()
+    assert "stable" not in why
+    assert "critical" not in why
+    passed, _, lost = why.partition(" passed it")
+    named = [(part, part in passed) for part in re.findall(r"'\w+' with (?:rtol|h)=[\d.e-]+", passed + lost)]
+    assert sum(passes for _, passes in named) >= 3
+    for name, passes in named:
+        method, _, option = name.replace("'", "").partition(" with ")
+        option, _, value = option.partition("=")
+        other = problem.integrate(method=method, **{option: float(value)})
+        assert bool(other.t[-1] > run.t[-1] + 0.05) is passes
+
+
+@eig3.jit
+def reaching(t):
+    return 2.0 + 0.25 * t, 0.25, 0.0
+
+
+@pytest.mark.parametrize("options", [{"h": 1e-3, "method": "rk8"}, {"rtol": 1e-8}])
+def test_a_singular_position_that_nothing_passes(options):
+    """A rod and a distance that grows to the sum of both lengths: the mechanism cannot go beyond it."""
+    scene, x = Scene(2), -0.25
+    mass = scene.mass(1.0, (x, np.sqrt(1 - x * x)))
+    scene.add(effects.Rod(), scene.fixed((0.0, 0.0)), mass)
+    scene.add(effects.PrescribedDistance(reaching), scene.fixed((1.5, 0.0)), mass)
+    with pytest.warns(UserWarning, match="the velocities at the start do not keep"):
+        run = scene.problem((0.0, 4.0)).integrate(**options)
+    assert run.t[-1] == pytest.approx(2.0, abs=2e-3)
+    assert "at a singular position of the mechanism" in run.message
+    assert "begin after it, or change the mechanism" in run.explain()
+    assert "stable" not in run.explain()
+    if "h" in options:
+        assert "'rk8' with rtol=1e-08, 'rk8' with h=0.0009" in run.explain().partition("did not pass it either")[0]
+
+
+def test_too_long_a_step_is_no_singular_position():
+    run = chain(3, angle=0.5).problem((0.0, 10.0)).integrate(h=0.5)
+    assert "or the step is too long for them" in run.message
+    assert "the critical step of EIG3" in run.explain()
 
 
 def test_a_straight_chain_stays_straight_and_swings_again():

@@ -3,7 +3,7 @@
 import ast
 import copy
 import inspect
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -372,6 +372,10 @@ BAD_VALUES = {
     "wall_radius of HertzMindlin must be positive and at most the contact_distance": lambda: hertz_mindlin(
         wall_radius=1.0
     ),
+    "radii of HertzMindlin must not be negative": lambda: hertz_mindlin(contact_distance=None, radii=-R),
+    "HertzContact does not know the radius of the others, because its points have several": lambda: pairs(
+        lambda scene, a, b: scene.add(effects.HertzContact(1.0, radii=[R, 2 * R]), a, others=b)
+    ),
     "inertia of masses must be positive": lambda: masses(inertia=0.0),
     "angular_velocity of masses needs their inertia": lambda: masses(angular_velocity=1.0),
     "nothing spins on a line": lambda: Scene(1).mass(M, 0.0, inertia=1.0),
@@ -381,9 +385,35 @@ BAD_VALUES = {
     "no mass of the scene has an inertia": lambda: masses()[1].angles(np.zeros(8)),
 }
 BAD_TYPES = {
-    "HertzMindlin takes one array of points": lambda: pairs(lambda scene, a, b: scene.add(hertz_mindlin(), a, b))
+    "HertzMindlin needs the radii of its points, or the contact_distance": lambda: hertz_mindlin(contact_distance=None),
+    "contact_distance and radii of HertzContact exclude each other": lambda: effects.HertzContact(1.0, 0.3, radii=R),
+    "HertzMindlin takes one array of points": lambda: pairs(lambda scene, a, b: scene.add(hertz_mindlin(), a, b)),
 }
 test_bad_grains = refusals(BAD_VALUES, BAD_TYPES)
+
+
+@pytest.mark.parametrize("radii", [R, R * np.array([1.0, 0.5, 2.0])], ids=["one", "each"])
+@pytest.mark.parametrize("wall", [None, 3 * R], ids=["walls alike", "large walls"])
+def test_points_touch_at_the_sum_of_their_radii(radii, wall):
+    """Pairs and walls push from there on and not before, whether the radii are given or the contact distances."""
+    r = np.broadcast_to(radii, 3)
+    w = wall or r.min()
+    x = np.array([(0.0, 0.0), (r[0] + r[1], 0.0), (r[0] + 2 * r[1] + r[2], 0.0)])
+    posts = x[[0, 2]] + np.array([(0.0, 1.0), (0.0, -1.0)]) * (r[[0, 2], None] + w)
+    by_radii = replace(hertz_mindlin(contact_distance=None, radii=radii, wall_radius=wall), friction=0.1)
+    by_distances = hertz_mindlin(contact_distance=2 * r), hertz_mindlin(contact_distance=r + w, wall_radius=w)
+
+    def pushed(scale, of_pairs, of_walls):
+        scene = Scene(2)
+        grains = scene.mass(M, x * scale, inertia=SPHERE)
+        scene.add(of_pairs, grains)
+        scene.add(of_walls, grains, others=scene.fixed(posts * scale))
+        return scene.problem((0.0, 1.0)).stepper(h=1e-4).first_acceleration
+
+    close = pushed(0.999, by_radii, by_radii)
+    np.testing.assert_array_equal(pushed(1 + 1e-6, by_radii, by_radii), 0.0)
+    np.testing.assert_array_equal(np.flatnonzero(np.abs(close) > 1.0), [0, 2, 3, 5] if radii is R else [0, 1, 2, 3, 5])
+    np.testing.assert_array_equal(close, pushed(0.999, *by_distances))
 
 
 def test_spin_is_a_degree_of_freedom():

@@ -1,5 +1,7 @@
 """Welds, universal joints and motors of rigid bodies, against what is known of them exactly."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -208,3 +210,53 @@ def test_wrong_joints_are_refused():
     disc.weld(None)
     with pytest.raises(ValueError, match=r"these constraints depend on each other at the start: .*weld 0"):
         plane.problem((0.0, 1.0))
+
+
+def loop_of_hinges():
+    """Three bodies and the ground in a square, with parallel hinges: three conditions are too many in space."""
+    scene, z = Scene(3), (0.0, 0.0, 1.0)
+    bars = [scene.body(1.0, (1.0, 1.0, 1.0), place) for place in ((0.0, 0.5, 0.0), (0.5, 1.0, 0.0), (1.0, 0.5, 0.0))]
+    bars[0].revolute(None, (0.0, 0.0, 0.0), z)
+    bars[0].revolute(bars[1], (0.0, 1.0, 0.0), z)
+    bars[1].revolute(bars[2], (1.0, 1.0, 0.0), z)
+    bars[2].revolute(None, (1.0, 0.0, 0.0), z)
+    return scene
+
+
+def twice_on_a_slide():
+    """A block that slides on the ground twice, beside a body that is no part of it."""
+    scene = Scene(2)
+    scene.body(1.0, 1.0, (5.0, 0.0))
+    block = scene.body(1.0, 1.0, (0.0, 0.0))
+    for _ in range(2):
+        block.prismatic(None, (0.0, 0.0), (1.0, 0.0))
+    return scene
+
+
+def rods_beside_each_other():
+    scene = Scene(2)
+    body, mass = scene.body(1.0, 1.0, (0.0, 0.0)), scene.mass(1.0, (2.0, 0.0))
+    for _ in range(2):
+        scene.add(effects.Rod(), body.point((1.0, 0.0)), mass)
+    return scene
+
+
+TOO_MANY = {
+    loop_of_hinges: [
+        "revolute joint 0 (body 0, ground)",
+        "revolute joint 1 (body 0, body 1)",
+        "revolute joint 2 (body 1, body 2)",
+        "revolute joint 3 (body 2, ground)",
+    ],
+    twice_on_a_slide: ["prismatic joint 0 (body 1, ground)", "prismatic joint 1 (body 1, ground)"],
+    rods_beside_each_other: ["rod 0 (body 0, mass)", "rod 1 (body 0, mass)"],
+}
+
+
+@pytest.mark.parametrize("make", TOO_MANY, ids=lambda make: make.__name__)
+def test_too_many_constraints_are_named_as_the_user_wrote_them(make):
+    """By their joints and bodies, and not by the conditions on vectors of which joints are made."""
+    with pytest.raises(ValueError, match="these constraints depend on each other at the start") as caught:
+        make().problem((0.0, 1.0))
+    named = str(caught.value).partition("start: ")[2].partition(";")[0]
+    assert sorted(re.split(r"(?<=\)), ", named)) == TOO_MANY[make]

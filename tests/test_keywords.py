@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import pickle
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ ELSEWHERE = {
     "LAMMPS's coefficient of restitution": (effects.HertzMindlin, "coeff_restitution", "restitution"),
     "a coefficient of friction": (effects.HertzMindlin, "mu", "friction"),
     "another coefficient of friction": (effects.CoulombFriction, "friction", "mu"),
-    "two meanings": (effects.HertzMindlin, "radius", "contact_distance or wall_radius"),
+    "two meanings": (effects.HertzMindlin, "radius", "radii or wall_radius"),
     "the article's S2": (effects.HardeningSpring, "S2", "cubic"),
     "a slip of the pen": (effects.PlaneContact, "stifness", "stiffness"),
     "OpenMM's theta0": (effects.HarmonicAngle, "theta0", "angle"),
@@ -39,6 +40,11 @@ ELSEWHERE = {
     "a near group": (Scene(2).add, "near", "others"),
     "a spin": (Scene(2).mass, "spin", "angular_velocity"),
     "a box": (Scene, "boxes", "box"),
+    "a problem": (problems.spinning_top, "tilts", "tilt"),
+    "a step": (problems.kepler().stepper, "dt", "h"),
+    "a stepper": (eig3.Stepper, "dt", "h"),
+    "steps": (problems.kepler().stepper(h=0.1).advance, "counts", "count"),
+    "displacements": (Scene(2).mass(1.0, (0.0, 0.0)).positions, "uu", "u"),
     "a joint": (Scene(2).body(1.0, 1.0, (0.0, 0.0)).revolute, "pos", "position"),
 }
 
@@ -58,6 +64,19 @@ def test_without_a_near_one_all_arguments_are_named():
     assert str(caught.value) == "LinearSpring() has no argument 'colour'; its arguments are stiffness, rest_length."
     with pytest.raises(TypeError, match=r"integrate\(\) has no argument 'dt'; did you mean h\?"):
         eig3.integrate(None, (0.0, 1.0), 1.0, 0.0, dt=0.1)
+
+
+def test_a_prepared_run_and_a_problem_answer_too():
+    with pytest.raises(TypeError) as caught:
+        problems.kepler().prepare(h=0.1)(tspan=(0.0, 1.0))
+    assert str(caught.value) == "Prepared() has no argument 'tspan'; did you mean t_span?"
+    with pytest.raises(TypeError, match=r"missing 1 required keyword-only argument: 'h'"):
+        problems.kepler().stepper(method="rk4")
+    for name in problems.__all__:
+        build = getattr(problems, name)
+        assert pickle.loads(pickle.dumps(build)) is build
+        with pytest.raises(TypeError, match=rf"{name}\(\) has no argument 't_ends'; did you mean t_end\?"):
+            build(t_ends=1.0)
 
 
 def test_errors_from_inside_stay():

@@ -29,7 +29,7 @@ TORSION = (9.28, 12.16, -13.12, -3.06, 26.24, -31.5)
 
 _BETWEEN_PAIRS = {
     "contact": HertzContact(CONTACT, DIAMETER),
-    "grains": HertzMindlin(E, NU, DIAMETER, friction=0.5),
+    "grains": HertzMindlin(E, NU, 0.5, radii=DIAMETER / 2),
     "lennard-jones": LennardJones(1.0, 1.0, REACH),
     "coulomb": Coulomb(1.0, cutoff=REACH),
     "damped coulomb": Coulomb(1.0, DAMPING, REACH),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from ..stepping.stepper import Stepper
 from .critical import CriticalStep, NoStableStepError, critical
 from .linear import linearise
+from .singular_position import AT_SINGULAR, is_singular, ways_past
 
 _OVERFLOWING = 1e100  # even a correct right-hand side may overflow for larger states
 _BLOWN_UP = 1e3  # a motion that grows by more than this factor counts as unstable
@@ -40,27 +42,37 @@ class Divergence:
         The first degree of freedom that is not finite after the next step.
     before : Stepper
         A stepper at an earlier state, from which the search for the beginning of the growth starts.
+    t_end : float
+        The end of the span of the run.
     """
 
     last: Stepper
     degree: int
     before: Stepper
+    t_end: float
 
     @property
     def message(self) -> str:
-        """Time and degree of freedom at which the state became non-finite. This takes no further evaluation."""
-        return f"{self._what}{self._lost}; solution.explain() looks for the reason."
+        """Time and degree of freedom at which the state became non-finite, and whether the position is singular."""
+        looked_for = "a way past it" if self._is_singular else "the reason"
+        return f"{self._what}{self._lost}; solution.explain() looks for {looked_for}."
 
     @property
     def _what(self) -> str:
         return became_non_finite(self.last.t, self.last.h, self.degree if np.ndim(self.last.u) else None)
 
+    @cached_property
+    def _is_singular(self) -> bool:
+        return is_singular(self.last, self.last.h)
+
     @property
     def _lost(self) -> str:
-        return lost_constraints(bool(self.last.system.leap))
+        return AT_SINGULAR if self._is_singular else lost_constraints(bool(self.last.system.leap))
 
     def explain(self) -> str:
         """Find the reason: an error of rhs, or a step above the critical step, and a shorter step that works.
+
+        At a singular position, find a step, a method or a tolerance with which a run passes it.
 
         Returns
         -------
@@ -68,6 +80,8 @@ class Divergence:
             The sentence of `message` with the reason.
         """
         last = self.last
+        if self._is_singular:
+            return f"{self._what}{self._lost}: {ways_past(last, self.t_end)}."
         start = last.restarted(last.h)
         sane = last_sane(self.before, last.index + 1, start)
         steps, unstable = _critical_steps(start, sane)
@@ -96,7 +110,7 @@ def lost_constraints(has_constraints: bool) -> str:
     )
 
 
-def find_divergence(stepper: Stepper) -> Divergence:
+def find_divergence(stepper: Stepper, t_end: float) -> Divergence:
     """Find the last finite state of the last chunk by bisection.
 
     A chunk can be divided at any step with bitwise the same states. The search is therefore exact.
@@ -105,13 +119,15 @@ def find_divergence(stepper: Stepper) -> Divergence:
     ----------
     stepper : Stepper
         The stepper after the chunk, at a state that is not finite.
+    t_end : float
+        The end of the span of the run.
     """
     before = stepper.before()
     last = _last(before, stepper.index, lambda s: s.is_finite)
     bad = last.fork()
     bad.advance(1)
     last.seconds = stepper.seconds
-    return Divergence(last, _first_not_finite(bad.u, bad.v), before)
+    return Divergence(last, _first_not_finite(bad.u, bad.v), before, t_end)
 
 
 @dataclass(frozen=True)

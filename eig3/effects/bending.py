@@ -44,7 +44,8 @@ class Bending(Cell):
         squares = [np.sum((rest[i] - rest[j]) ** 2, axis=-1) for i, j in ((0, 1), (0, 2), (1, 2), (1, 3), (2, 3))]
         self.refuse_cells(
             np.minimum(*areas) <= 1e-9 * np.max(squares, axis=0),
-            "has a triangle without area at rest: move its corners",
+            "has a triangle without area at rest",
+            "move a corner of each",
         )
         angles = np.array([bend(tuple(map(tuple, points))) for points in np.stack(rest, axis=1)])
         return {"rest_angle": angles, "aspect": np.sum(edge**2, axis=-1) / (areas[0] + areas[1])}

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
-from ..scene.effect import Link
 from .hertz import damped_push, push, stored
+from .touching import Touching
 
 
 @element
@@ -28,7 +28,7 @@ def elastic_potential(r, stiffness, contact_distance):
 
 
 @dataclass(frozen=True, eq=False)
-class HertzContact(Link):
+class HertzContact(Touching):
     """Hertz's contact between two masses, or between a mass and a fixed point, with the damping of Hunt and Crossley.
 
     Formula: push = stiffness d^(3/2) (1 + damping d') at the indentation d = contact_distance - r > 0 with the rate d',
@@ -42,14 +42,16 @@ class HertzContact(Link):
     stiffness : float or array_like
         N/m^(3/2).
     contact_distance : float or array_like
-        The distance at which they touch, the sum of the two radii, m.
+        The distance at which they touch, the sum of the two radii, m. Between all pairs of points: their diameters.
     damping : float or array_like
         s/m; 0 makes the contact elastic.
+    radii : float or array_like
+        In place of contact_distance: the radius of each point, or of all, m. A pair touches at the sum of its radii.
 
     Raises
     ------
-    ValueError
-        For stiffness, contact_distance or damping below 0.
+    TypeError, ValueError
+        For stiffness, contact_distance, radii or damping below 0, and without one of contact_distance and radii.
 
     Notes
     -----
@@ -62,14 +64,19 @@ class HertzContact(Link):
     """
 
     stiffness: ArrayLike
-    contact_distance: ArrayLike
+    contact_distance: ArrayLike | None = None
     damping: ArrayLike = 0.0
+    radii: ArrayLike | None = field(default=None, kw_only=True)
 
     nonnegative = ("stiffness", "contact_distance", "damping")
     cutoff_field = "contact_distance"
     mixed = ("stiffness", "contact_distance", "damping")
     source = "Hertz (1881); damping of Hunt and Crossley (1975)"
     picture = "discs"
+
+    def __post_init__(self) -> None:
+        self.touch()
+        super().__post_init__()
 
     def needs_direction(self, columns):
         return True

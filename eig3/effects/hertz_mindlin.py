@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
 from ..scene.frictional_contact import FrictionalContact
+from .touching import Touching
 
 _LOSS = 2 * math.sqrt(5 / 6)
 
@@ -50,7 +51,7 @@ def damping_ratio(restitution: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class HertzMindlin(FrictionalContact):
+class HertzMindlin(FrictionalContact, Touching):
     """Contacts of elastic spheres of one material with friction, after Hertz and Mindlin.
 
     Formula: with the indentation d, the effective radius R = R1 R2 / (R1 + R2) and the effective mass m, the normal
@@ -69,20 +70,23 @@ class HertzMindlin(FrictionalContact):
         Young's modulus, Pa.
     nu : float
         Poisson's ratio, from 0 to 0.5.
-    contact_distance : float or array_like
-        The distance at which two points touch: the diameter of each point, or between points and fixed points the sum
-        of the two radii, m.
     friction : float
         Coefficient of friction.
     restitution : float
         Coefficient of restitution of a normal impact, above 0 and up to 1.
+    contact_distance : float or array_like
+        The distance at which two points touch: the diameter of each point, or between points and fixed points the sum
+        of the two radii, m. Give it, or the radii.
+    radii : float or array_like
+        In place of contact_distance: the radius of each point, or of all, m. A pair touches at the sum of its radii,
+        and a point and a fixed one at the sum of its radius and wall_radius.
     wall_radius : float, optional
         The radius of fixed points, m; half of the least contact distance if not given.
 
     Raises
     ------
-    ValueError
-        For a parameter out of its range.
+    TypeError, ValueError
+        For a parameter out of its range, and without one of contact_distance and radii.
 
     Notes
     -----
@@ -104,10 +108,11 @@ class HertzMindlin(FrictionalContact):
 
     E: float
     nu: float
-    contact_distance: ArrayLike
     friction: float
     restitution: float = 1.0
-    wall_radius: float | None = None
+    contact_distance: ArrayLike | None = field(default=None, kw_only=True)
+    radii: ArrayLike | None = field(default=None, kw_only=True)
+    wall_radius: float | None = field(default=None, kw_only=True)
     plane_modulus: float = field(init=False, default=0.0)
     shear_modulus: float = field(init=False, default=0.0)
     loss: float = field(init=False, default=0.0)
@@ -119,8 +124,9 @@ class HertzMindlin(FrictionalContact):
     )
 
     def __post_init__(self) -> None:
+        self.touch()
         if self.wall_radius is None:
-            object.__setattr__(self, "wall_radius", float(np.min(self.contact_distance)) / 2)
+            object.__setattr__(self, "wall_radius", float(np.min(self._reals("contact_distance"))) / 2)
         super().__post_init__()
         for name in ("E", "nu", "friction", "restitution", "wall_radius"):
             self.require(np.ndim(getattr(self, name)) == 0, f"{name} must be one number")
@@ -128,10 +134,8 @@ class HertzMindlin(FrictionalContact):
         self.require(self._reals("nu") <= 0.5, "nu must not be above 0.5")
         e, radius = self._reals("restitution"), self._reals("wall_radius")
         self.require((e > 0) & (e <= 1), "restitution must be above 0 and at most 1")
-        self.require(
-            (radius > 0) & (radius <= np.min(self.contact_distance)),
-            "wall_radius must be positive and at most the contact_distance",
-        )
+        most = np.min(self._reals("contact_distance")) if self.radii is None else np.inf
+        self.require((radius > 0) & (radius <= most), "wall_radius must be positive and at most the contact_distance")
         computed = {
             "plane_modulus": self.E / (2 * (1 - self.nu**2)),
             "shear_modulus": self.E / (4 * (2 - self.nu) * (1 + self.nu)),
@@ -139,6 +143,9 @@ class HertzMindlin(FrictionalContact):
         }
         for name, value in computed.items():
             object.__setattr__(self, name, value)  # the record is frozen
+
+    def _radius_of_others(self) -> float:
+        return float(self._reals("wall_radius"))
 
     tension = staticmethod(tension)
     shear_stiffness = staticmethod(shear_stiffness)

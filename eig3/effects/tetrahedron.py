@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 
 from ..kernels.compile.jit import element
-from ..scene.cell import Cell, offers_of
+from ..scene.cell import ORIENT, Cell, offers_of
 from .triangle import FLAT
 from .vector import add, scale, subtract
 
@@ -67,6 +67,6 @@ class Tetrahedron(Cell):
         edges = np.stack([corner - rest[0] for corner in rest[1:]], axis=-1)
         longest = np.max([np.linalg.norm(a - b, axis=-1) for a, b in combinations(rest, 2)], axis=0)
         volumes = np.linalg.det(edges) / 6
-        self.refuse_cells(np.abs(volumes) <= FLAT * longest**3, "has no volume at rest: move its corners")
-        self.refuse_cells(volumes < 0, "is inverted at rest: exchange two of its corners")
+        self.refuse_cells(np.abs(volumes) <= FLAT * longest**3, "has no volume at rest", "move a corner of each")
+        self.refuse_cells(volumes < 0, "is inverted at rest", ORIENT)
         return {"inverse": np.linalg.inv(edges).reshape(-1, 9), "volume": volumes}

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..kernels.compile.jit import element
-from ..scene.cell import Cell, offers_of
+from ..scene.cell import ORIENT, Cell, offers_of
 from .vector import add, scale, subtract
 
 FLAT = 1e-9  # the least area or volume of a cell, divided by the power of its longest edge
@@ -65,7 +65,7 @@ class Triangle(Cell):
             edges = np.linalg.qr(edges, mode="r")  # in an orthonormal frame of the plane of the triangle
             edges *= np.sign(np.diagonal(edges, axis1=1, axis2=2))[..., None]
         areas = np.linalg.det(edges) / 2
-        self.refuse_cells(np.abs(areas) <= FLAT * longest**2, "has no area at rest: move its corners")
-        self.refuse_cells(areas < 0, "is inverted at rest: give its corners counterclockwise")
+        self.refuse_cells(np.abs(areas) <= FLAT * longest**2, "has no area at rest", "move a corner of each")
+        self.refuse_cells(areas < 0, "is inverted at rest", ORIENT)
         thickness = self._column("thickness", areas.shape, 2)
         return {"inverse": np.linalg.inv(edges).reshape(-1, 4), "volume": areas * thickness}

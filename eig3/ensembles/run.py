@@ -94,18 +94,15 @@ def ensemble(
     threads : int
         Number of threads; by default all cores that the process may use.
     executor : concurrent.futures.Executor
-        Run parts on the workers of this executor, such as a `ProcessPoolExecutor` that spawns, or the executor of a
-        dask.distributed Client. If a worker dies, its part runs again. A part has one thread, or `threads`.
+        Run the ensemble in parts on its workers, such as a `ProcessPoolExecutor` that spawns, or a dask.distributed
+        Client's. A part whose worker dies runs again. Each part takes one thread, or `threads`.
     reduce : callable
         ``reduce(part)`` gets the `EnsembleSolution` of a part, whose `first` is the number of its first member, and
-        returns the values that you need. It runs on the worker of the part, whose states are then discarded. With an
-        executor, the function and its return values must be picklable.
+        returns what you need of it, where the part ran. With an executor, it and what it returns must be picklable.
     save_to : str or path
-        A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it, also if the
-        process was killed.
+        A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it.
     quadratures, labels
-        Set by `Problem.ensemble`: the names of quadratures, which are the velocities of the last degrees of freedom and
-        do not control the steps, and the names and units of the other degrees of freedom.
+        Set by `Problem.ensemble`: names of the last degrees of freedom, whose velocities are quadratures; labels.
     **refused
         Options of single runs, for which an ensemble raises an error.
 
@@ -122,9 +119,8 @@ def ensemble(
     MemoryError, OSError, ImportError
         The histories do not fit in memory, or on the disk; or `progress` is True and tqdm is not installed.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` has the finished members, and the others as INTERRUPTED. With `reduce` it
-        is the list, with None for unfinished parts. It is None if no member had started. Exceptions from rhs have the
-        same attribute.
+        After Ctrl-C. `solution` has the finished members, and the others as INTERRUPTED. With `reduce` it is the list,
+        with None for unfinished parts; None before any start. Exceptions from rhs have the same attribute.
 
     Notes
     -----

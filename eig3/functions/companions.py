@@ -34,12 +34,15 @@ class Constraints(NamedTuple):
         A function of (t, u, v, p) that projects u and v onto the constraints, and returns a number.
     leap : jitted function
         A step of EIG-3 by accelerations without reactions: see `eig3.kernels.constraints.hold`.
+    place : int
+        The place of their table in p.
     straight : Straight or None
         The constraints for the lanes of an ensemble; None if there are many.
     """
 
     project: Any
     leap: Any
+    place: int
     straight: Straight | None = None
 
 

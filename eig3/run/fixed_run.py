@@ -169,7 +169,7 @@ class FixedRun(Run):
 
     def _end_diverged(self) -> None:
         """End the run at its last finite state."""
-        n_wanted, divergence = self.stepper.n_wanted, find_divergence(self.stepper)
+        n_wanted, divergence = self.stepper.n_wanted, find_divergence(self.stepper, self.t_end)
         self.stepper = stepper = divergence.last
         self._end(Status.DIVERGED, divergence.message, divergence.explain)
         if self.times is None:
@@ -182,7 +182,7 @@ class FixedRun(Run):
     def _end_unsolved(self) -> None:
         stepper = self.stepper
         if not math.isfinite(stepper.residual):
-            divergence = Divergence(stepper, stepper.failed_degree, stepper.before())
+            divergence = Divergence(stepper, stepper.failed_degree, stepper.before(), self.t_end)
             self._end(Status.DIVERGED, divergence.message, divergence.explain)
             return
         remedies = ["a smaller h", "more max_iterations", "a larger tol"]

@@ -46,15 +46,12 @@ def integrate(
     cancel: Cancel | None = None,
     save_to: str | PathLike[str] | None = None,
 ) -> Solution:
-    """Integrate u'' = f(t, u, v) in compiled code, with a fixed step h or with tolerances rtol and atol.
-
-    The page eig3/run/README.md explains the options by examples.
+    """Integrate u'' = f(t, u, v) with a fixed step h or with tolerances; eig3/run/README.md has examples.
 
     Parameters
     ----------
     rhs : jitted function
-        The acceleration: ``f(t, u, v, p) -> a`` for one degree of freedom, and ``f(t, u, v, p, a)``, which writes every
-        a[j], for n. Decorate it with ``@eig3.jit``. It must not write to u, v or p.
+        ``@eig3.jit`` of ``f(t, u, v, p) -> a``, or for n degrees of freedom ``f(t, u, v, p, a)``, which writes a only.
     t_span : (float, float)
         First and last time.
     u0, v0 : float or array_like, shape (n,)
@@ -70,7 +67,7 @@ def integrate(
         A name in `eig3.METHODS` such as "eig9", or a record such as ``EIG3(alpha=1.2)``; by default "eig3". With rtol:
         "rkn12" (default up to 1e-6 if rhs ignores v), "rk8" (default below 1e-4), "rk5" or "eig3".
     save_every : int or None
-        Save every `save_every`-th state, the first and the last. None saves only the first and the last.
+        Save every `save_every`-th state, and the first and the last; None saves only these two.
     t_eval : array_like, shape (m,)
         Save the states at these increasing times instead, from the dense output within the steps.
     events : dict of str to Event
@@ -79,8 +76,8 @@ def integrate(
         Functions ``e(t, u, v, p) -> float`` by name that the motion should conserve. The solution has their `drift` and
         `extremes`.
     outputs : dict of str to jitted function, or to (jitted function, k)
-        Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values, by name. `solution.outputs` has
-        their values at the saved states, and `solution.extremes` their extremes over the run.
+        Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values, by name. The solution has their
+        `outputs` at the saved states, and their `extremes` over the run.
     invariants_every : int
         Evaluate the invariants after about every `invariants_every`-th step only, and more often at first.
     h_max, first_step, max_steps : float, float, int
@@ -106,8 +103,7 @@ def integrate(
     MemoryError, OSError
         The history does not fit in memory, or on the disk of `save_to`.
     KeyboardInterrupt
-        After Ctrl-C. Its attribute `solution` is the run so far; None if no run had started. Exceptions from rhs have
-        the same attribute.
+        After Ctrl-C. `solution` is the run up to then, or None. Exceptions from rhs have the same attribute.
     """
     u, v, form = check_state(u0, v0)
     params = named(params)

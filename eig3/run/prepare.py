@@ -16,6 +16,7 @@ from ..functions.guard import guarded
 from ..functions.named import has_names, in_layout, named
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, Form
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.memory import n_rows
 from ..result.solution import Solution
@@ -81,6 +82,7 @@ class Prepared:
         """The functions and the kernels of the run, compiled."""
         return self._system
 
+    @with_suggestions()
     def __call__(
         self,
         t_span: Sequence[float] | None = None,

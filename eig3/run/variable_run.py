@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..diagnosis.singular_position import AT_SINGULAR, is_singular
 from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
@@ -168,14 +169,15 @@ class VariableRun(Run):
             message = f"The motion grew beyond {OVERFLOWING:g} at t = {t:g}, where it is singular"
             self._end(Status.DIVERGED, f"{message}; no step is short enough to continue.", self._explained)
             return
-        relative = "; if hardly anything has moved so far, rtol needs atol too"
-        self._end(
-            Status.STEP_TOO_SMALL,
-            f"The tolerances need a step below the resolution of t at t = {t:g}: the motion may be singular there, "
-            "rhs may jump or be NaN, or rtol and atol may be too small"
-            f"{relative if stepper.tolerances.is_relative else ''}.",
-            self._explained,
+        relative = "; if hardly anything has moved so far, rtol needs atol too" * stepper.tolerances.is_relative
+        why = (
+            f"{AT_SINGULAR}: begin after it, or change the mechanism so that it does not come there."
+            if is_singular(stepper, stepper.h)
+            else ": the motion may be singular there, rhs may jump or be NaN, or rtol and atol may be too small"
+            f"{relative}."
         )
+        message = f"The tolerances need a step below the resolution of t at t = {t:g}{why}"
+        self._end(Status.STEP_TOO_SMALL, message, self._explained)
 
     def _explained(self) -> str:
         """Describe the value of rhs at the end of the run."""

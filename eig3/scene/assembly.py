@@ -46,11 +46,25 @@ class Bodies(NamedTuple):
         For each point of a body, the points and factors of which its position is a linear combination.
     plates : list of list of int
         The numbers of the vectors of each body with hardly any thickness; the last vector is normal to the plate.
+    numbers : dict of int to int
+        By the number of a centre or a vector: the number of its body, in the order in which the bodies were added.
+    joints : dict of int to str
+        For the first point of each constraint of a joint, the name of the joint, such as "revolute joint 0".
     """
 
     vectors: list[int]
     carried: dict[int, tuple[np.ndarray, np.ndarray]]
     plates: list[list[int]]
+    numbers: dict[int, int]
+    joints: dict[int, str]
+
+    @classmethod
+    def none(cls) -> Bodies:
+        return cls([], {}, [], {}, {})
+
+    def body_of(self, point: int) -> int | None:
+        """Return the number of the body to which a point belongs, or None."""
+        return self.numbers.get(self.carried[point][0][0] if point in self.carried else point)
 
 
 @dataclass(frozen=True)

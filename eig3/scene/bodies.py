@@ -132,14 +132,12 @@ class RigidBody:
         """Add a revolute joint to another body, or to the ground, at a position, m; in space about an axis."""
         self._check_axis(axis, "a revolute joint")
         across = [] if axis is None else self._frame(axis, "axis")
-        self._pinned(other, position)
-        for vector in across[1:]:
-            self.scene.add(Perpendicular(), self._facing(across[0]), self._of(other, vector))
+        self._join("revolute joint", self._pin(other, position), *self._turns(other, across[:1], across[1:]))
 
     def spherical(self, other: RigidBody | None, position: ArrayLike) -> None:
         """Add a ball joint in space to another body, or to the ground, at a position, m."""
         self._check_space("a spherical joint")
-        self._pinned(other, position)
+        self._join("spherical joint", self._pin(other, position))
 
     def universal(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike, other_axis: ArrayLike) -> None:
         """Add a universal joint in space to another body, or to the ground, at a position, m.
@@ -151,8 +149,7 @@ class RigidBody:
         mine, theirs = self._frame(axis, "axis")[0], self._frame(other_axis, "other_axis")[0]
         if abs(mine @ theirs) > _UNIT:
             raise ValueError("axis and other_axis of a universal joint must be at right angles to each other.")
-        self._pinned(other, position)
-        self.scene.add(Perpendicular(), self._facing(mine), self._of(other, theirs))
+        self._join("universal joint", self._pin(other, position), *self._turns(other, [mine], [theirs]))
 
     def weld(self, other: RigidBody | None) -> None:
         """Fix the body to another body, or to the ground, with a `Weld`."""
@@ -162,11 +159,9 @@ class RigidBody:
         """Add a prismatic joint: the body slides along a direction of another body or the ground, without rotation."""
         ahead, *across = self._frame(direction, "direction")
         place = self._place_of(other, position)
-        for vector in across:
-            self.scene.add(Along(), place, self.at(position), self._of(other, vector))
-        turns = [(ahead, vector) for vector in across]
-        for mine, theirs in [*turns, *([across] if len(across) > 1 else [])]:
-            self.scene.add(Perpendicular(), self._facing(mine), self._of(other, theirs))
+        slides = [(Along(), place, self.at(position), self._of(other, vector)) for vector in across]
+        turns = self._turns(other, [ahead], across) + self._turns(other, across[:1], across[1:])
+        self._join("prismatic joint", *slides, *turns)
 
     def prescribed_angle(self, other: RigidBody | None, angle: Callable, axis: ArrayLike | None = None) -> None:
         """Prescribe the angle of the body relative to another body, or to the ground, as a function of time.
@@ -182,7 +177,7 @@ class RigidBody:
             In space, the axis of the joint; the angle is positive by the right-hand rule.
         """
         vectors = self._about(other, axis, "a prescribed angle")
-        self.scene.add((PrescribedAngle if axis is None else PrescribedAngleInSpace)(angle), *vectors)
+        self._join("prescribed angle", ((PrescribedAngle if axis is None else PrescribedAngleInSpace)(angle), *vectors))
 
     def motor(self, other: RigidBody | None, torque: Callable, axis: ArrayLike | None = None) -> None:
         """Add a torque on the body, and the opposite torque on another body, or on the ground.
@@ -285,10 +280,21 @@ class RigidBody:
         self.scene._bodies.vectors.append(int(fixed.numbers))
         return fixed
 
-    def _pinned(self, other: RigidBody | None, position: ArrayLike) -> None:
-        """Make a point of each body coincide."""
-        place = self._place_of(other, position)
-        self.scene.add(PointJoint(), self.at(position), place)
+    def _pin(self, other: RigidBody | None, position: ArrayLike) -> tuple[Any, ...]:
+        """Return the constraint of two points that coincide, one of each body."""
+        return PointJoint(), self.at(position), self._place_of(other, position)
+
+    def _turns(self, other: RigidBody | None, mine: list[np.ndarray], theirs: list[np.ndarray]) -> list[tuple]:
+        """Return constraints between each of some vectors of this body and each of some vectors of another one."""
+        return [(Perpendicular(), self._facing(a), self._of(other, b)) for a in mine for b in theirs]
+
+    def _join(self, kind: str, *constraints: tuple[Any, ...]) -> None:
+        """Add the constraints of a joint, each an effect and its points; errors name the joint."""
+        joints = self.scene._bodies.joints
+        name = f"{kind} {len({name for name in joints.values() if name.startswith(kind)})}"
+        for effect, *points in constraints:
+            self.scene.add(effect, *points)
+            joints[int(points[0].numbers)] = name
 
     def _points_of_weld(self, other: RigidBody | None) -> tuple[Points, ...]:
         """Return the centre and axes of this body as points of the other body or the ground, then as its own points."""

@@ -14,6 +14,9 @@ from ..kernels.compile.jit import type_returned
 from .effect import REAL, Effect, arguments
 from .fields import check_fields
 
+_MOST_LISTED = 10  # cells in an error
+ORIENT = "exchange two corners of each, as mesh.oriented() of scikit-fem does"  # the remedy for inverted cells
+
 
 class Cell(Effect):
     """An effect on cells, each of which has the same number of points.
@@ -77,10 +80,13 @@ class Cell(Effect):
         if fixed.size:
             raise ValueError(f"{self.title} has only fixed points in cell {fixed[0]}, which cannot move: give masses.")
 
-    def refuse_cells(self, wrong: np.ndarray, what: str) -> None:
-        """Raise a ValueError that names the first wrong cell, if any. `what` gives the reason and the remedy."""
+    def refuse_cells(self, wrong: np.ndarray, what: str, remedy: str) -> None:
+        """Raise a ValueError that lists the wrong cells, if any are, as in "Bending is flat in cells 3, 5: move"."""
         if wrong.any():
-            raise ValueError(f"cell {np.flatnonzero(wrong)[0]} of {self.title} {what}.")
+            numbers = np.flatnonzero(wrong).tolist()
+            listed = ", ".join(map(str, numbers[:_MOST_LISTED]))
+            more = f" and {len(numbers) - _MOST_LISTED} more" * (len(numbers) > _MOST_LISTED)
+            raise ValueError(f"{self.title} {what} in cell{'s' * (len(numbers) > 1)} {listed}{more}: {remedy}.")
 
     def _argument_types(self, name: str, dimension: int) -> dict[str, Any]:
         given = super()._argument_types(name, dimension)

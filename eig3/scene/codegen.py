@@ -87,7 +87,8 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         functions["rhs"].py_func.shares = Shares(functions["share"], source.team, assembly.n)
     if assembly.constraints:
         keeping = functions["projection"], functions["constrained_step"]
-        functions["rhs"].py_func.constraints = Constraints(*keeping, writing.unrolled(functions))
+        place = writing.place_of_constraints
+        functions["rhs"].py_func.constraints = Constraints(*keeping, place, writing.unrolled(functions))
     if writing.grains:
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"])
     return {
@@ -162,6 +163,12 @@ class _Functions(Text):
         self._occurring: list[Symbols] = []  # the laws with events, by the number in the names of their functions
 
     # The functions
+
+    @property
+    def place_of_constraints(self) -> int:
+        """The place of their table in p."""
+        assert self._constraints
+        return self._constraints.place
 
     def unrolled(self, functions: dict[str, Any]) -> Straight | None:
         """Return few constraints as lines for lanes, and register the function of the reactions for lanes."""

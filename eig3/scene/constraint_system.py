@@ -36,7 +36,7 @@ class ConstraintSystem:
     ----------
     table : ConstraintTable
     names : list of str
-        The name of each row, such as "rod 3".
+        The name of each row, such as "rod 3" or "revolute joint 2 (body 1, ground)".
     counts : Counter
         The number of constraints by the title of their effect.
     effects : list of Effect
@@ -70,7 +70,7 @@ def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintS
         assert isinstance(effect, Constraint)
         functions = effect.functions()
         for member, points in enumerate(zip(*(array.tolist() for array in law.points), strict=True)):
-            name = f"{words(effect.title)} {counts[effect.title]}"
+            name = _name(cloud, f"{words(effect.title)} {counts[effect.title]}", points)
             counts[effect.title] += 1
             if "phi" in functions:
                 places = tuple(len(arms) + k for k in range(len(points)))
@@ -81,8 +81,7 @@ def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintS
                 continue
             positions = [cloud.positions[point] for point in points]
             values = {key: column[member] for key, column in law.columns.items() if key not in functions}
-            equations = effect.equations(positions, values)
-            for k, equation in enumerate(equations):
+            for equation in effect.equations(positions, values):
                 both: list[int] = []
                 for vector in (equation.first, equation.second):
                     if both and vector is equation.first:
@@ -91,13 +90,23 @@ def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintS
                     both.append(len(arms))
                     arms.append(_arm(cloud, points, *vector))
                 rows.append(Row((both[0], both[1]), equation.scale, equation.target))
-                names.append(f"{name} ({k + 1} of {len(equations)})" if len(equations) > 1 else name)
+                names.append(name)
         if functions:
             kinds.append((law, np.arange(first, len(rows))))
     rows = [Row(row.arms, slopes=tuple(len(arms) + k for k in row.slopes)) if row.slopes else row for row in rows]
     length = max(np.abs(cloud.positions).max(), *(np.sqrt(abs(row.target)) for row in rows)) or 1.0
     table = ConstraintTable(1 / cloud.masses[cloud.is_own], len(cloud.box), arms, rows, slopes, length, degrees)
     return ConstraintSystem(table, names, counts, [law.effect for law in laws], kinds)
+
+
+def _name(cloud: Any, constraint: str, points: Sequence[int]) -> str:
+    """Return the name of a constraint by what the user wrote: the joint to which it belongs, and its bodies."""
+    bodies = [cloud.bodies.body_of(point) for point in points]
+    if bodies == [None] * len(bodies):
+        return constraint
+    of_others = ["mass" if cloud.masses[point] else "ground" for point in points]
+    whose = [of if body is None else f"body {body}" for body, of in zip(bodies, of_others, strict=True)]
+    return f"{cloud.bodies.joints.get(points[0], constraint)} ({', '.join(sorted(set(whose)))})"
 
 
 def _check_still(placed: Sequence[Placed]) -> None:
@@ -147,11 +156,13 @@ def fitting(system: ConstraintSystem, u0: np.ndarray, v0: np.ndarray, t: float) 
     table = system.table
     size = table.dimension * len(table.weights)
     values, gradients = _linearised(system, u0[:size].reshape(table.dimension, -1).T)
+    places = values.copy()
     rates = _driven(system, t, values)
     wrong = np.flatnonzero(~(np.abs(values) <= _WRONG * table.length))
     if wrong.size:
-        name, value = system.names[wrong[0]], values[wrong[0]]
-        raise ValueError(f"{name} does not hold at the start, where its phi is {value:.3g}: move its points.")
+        row, value, place = wrong[0], values[wrong[0]], places[wrong[0]]
+        what = _lengths(table.rows[row], place, value) or f"does not hold at the start, where its phi is {value:.3g}"
+        raise ValueError(f"{system.names[row]} {what}: move its points.")
     weights = np.tile(table.weights, table.dimension)
     product = csc_array(gradients @ diags_array(weights) @ gradients.T)
     solve = _factors(system, product)
@@ -165,6 +176,17 @@ def fitting(system: ConstraintSystem, u0: np.ndarray, v0: np.ndarray, t: float) 
             stacklevel=4,
         )
     return np.concatenate([v0[:size] + change, v0[size:]])
+
+
+def _lengths(row: Row, place: float, value: float) -> str:
+    """Say which length a rod has, and how far apart its ends are; empty for another constraint.
+
+    `value` is phi at the start, and `place` is phi with the target in the row, which does not depend on the time.
+    """
+    if row.slopes or row.arms[0] != row.arms[1]:
+        return ""
+    square = place / row.scale + row.target
+    return f"has the length {np.sqrt(square - value / row.scale):.6g} m, but its ends are {np.sqrt(square):.6g} m apart"
 
 
 def _driven(system: ConstraintSystem, t: float, values: np.ndarray) -> np.ndarray:
@@ -239,6 +261,7 @@ def _factors(system: ConstraintSystem, product: csc_array) -> Any:
     dense = product.toarray() / np.sqrt(np.outer(diagonal, diagonal))
     share = np.abs(np.linalg.eigh(dense)[1][:, 0])
     named = list(dict.fromkeys(system.names[k] for k in np.argsort(-share, kind="stable") if share[k] > 1e-6))
+    named = [name for name in named if not name.startswith("rigid ")]  # a body alone is no constraint too many
     some = ", ".join(named[:_MOST_NAMED]) + " and others" * (len(named) > _MOST_NAMED)
     raise ValueError(
         f"these constraints depend on each other at the start: {some}; leave out those that the others imply already, "

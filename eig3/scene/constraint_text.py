@@ -28,13 +28,13 @@ class ConstraintText(Text):
     def __init__(self, assembly: Assembly, source: Source, system: ConstraintSystem) -> None:
         super().__init__(assembly, source)
         self._system, self._d, self._work, self._own = system, assembly.dimension, assembly.size, assembly.own
-        self._place = source.size  # of their table in p
-        packed = system.table.packed(self._place)
+        self.place = source.size  # of their table in p
+        packed = system.table.packed(self.place)
         source.add(packed.values)
         self._laws = [(source.symbols(law), rows) for law, rows in system.kinds]
         # the place in p of the table index of each row, in the order in which the rows were added
         self._order = source.add(np.argsort(packed.order))
-        self.unrolled = UnrolledText(system.table, packed, self._place) if is_few(assembly) else None
+        self.unrolled = UnrolledText(system.table, packed, self.place) if is_few(assembly) else None
         used = ["areas", "STAND", "CONSTRAIN", "REACT", "PROJECT", "LEAP", "strike"]
         used += ["own_address", "PLACE", "sum_up"] * bool(self._laws)
         source.functions |= {"memory": neighbours.memory, "hold": constraints.LIBRARY[system.table.dimension]}
@@ -44,7 +44,7 @@ class ConstraintText(Text):
 
     def functions(self) -> None:
         """Write all functions except the accelerations without constraints."""
-        areas = f"c = areas(memory(p), {self._place})"
+        areas = f"c = areas(memory(p), {self.place})"
         if self._laws:
             with self._function("own(task, t, u, v, p)"):
                 self._line(areas)
@@ -72,25 +72,25 @@ class ConstraintText(Text):
         """Add the power of the constraints that depend on the time, in a run that integrates the work."""
         if self._follows_work and self._system.depends_on_time:
             with self._block(f"if len(u) > {self._work}"):
-                self._line(f"c = areas(memory(p), {self._place})", *react)
+                self._line(f"c = areas(memory(p), {self.place})", *react)
                 with self._block("for row in range(len(c.scales))"):
                     self._line(f"{a}[{self._work}] += c.multipliers[row] * c.target_rates[row]")
 
     def before_impulse(self) -> None:
         """Keep the velocity before an event that changes it."""
-        self._line(f"c = areas(memory(p), {self._place})")
+        self._line(f"c = areas(memory(p), {self.place})")
         with self._block(f"for k in range({self._d * self._own})"):
             self._line("c.before[k] = v[k]")
 
     def after_impulse(self, free: str = "-1.0") -> None:
         """Add the impulses of the constraints to the impulse of an event."""
         self._line(f"success = {self._hold('STAND', 'memory(u), v, v')}")
-        self._line(f"strike(success, v, {free}, memory(p), {self._place}, {self._d})")
+        self._line(f"strike(success, v, {free}, memory(p), {self.place}, {self._d})")
 
     def _hold(self, task: str, arrays: str, number: str = "0.0") -> str:
         """The call of the kernel function that does a task with the constraints."""
         own = "own_address(own)" if self._laws else "0"
-        return f"hold({task}, {own}, t, {number}, {arrays}, memory(p), {self._place})"
+        return f"hold({task}, {own}, t, {number}, {arrays}, memory(p), {self.place})"
 
     def _own_rows(
         self,

@@ -25,6 +25,7 @@ from .placed import Placed
 _ANGLES = {1: 0, 2: 1, 3: 3}  # of a mass that spins, by the dimension
 
 
+@with_suggestions()
 @dataclass(frozen=True, eq=False)
 class Points:
     """Points of a scene: one point, or an array of points of any shape, which is indexed as NumPy arrays are.
@@ -155,7 +156,7 @@ class Description:
         self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
         self._count = 0
         self._placed: list[Placed] = []
-        self._bodies = Bodies([], {}, [])
+        self._bodies = Bodies.none()
 
     def fixed(self, position: ArrayLike) -> Points:
         """Add points that do not move, unless a `Motion` moves them.
@@ -294,6 +295,7 @@ class Description:
     def _add_pair_force(
         self, effect: Link, points: Points, others: Points | None, excluded: tuple[str, ...], capacity: int | None
     ) -> None:
+        effect = effect if others is None else effect.of_groups()
         groups = [self._numbers_of([handle], effect)[0] for handle in (points, others) if handle is not None]
         first, second = groups[0].ravel(), groups[1].ravel() if len(groups) > 1 else np.empty(0, dtype=np.int64)
         columns = effect.columns(groups[0].shape, self.dimension)

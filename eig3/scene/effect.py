@@ -418,6 +418,10 @@ class Link(Effect):
                 "take a spring without a rest length."
             )
 
+    def of_groups(self) -> Any:
+        """Return the link between the points of a group and those of another one."""
+        return self
+
     def needs_direction(self, columns: dict[str, np.ndarray]) -> Any:
         """Return for each pair whether its points must not coincide at the start."""
         return columns.get("rest_length", np.zeros(1)) != 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from itertools import combinations
 
 import numpy as np
@@ -92,6 +93,21 @@ def check_cells(cells: ArrayLike, corners: int, count: int) -> np.ndarray:
     if lonely.size:
         raise ValueError(f"points must belong to cells, but point {lonely[0]} does not: remove it from the mesh.")
     return found.astype(np.int64)
+
+
+def oriented(cells: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Return the cells in the orientation of meshio, in which no cell that fills its dimension is inverted.
+
+    Warns
+    -----
+    UserWarning
+        If all cells are inverted, so that two corners of each are exchanged.
+    """
+    edges = rest[cells[:, 1:]] - rest[cells[:, :1]]
+    if edges.shape[1] < edges.shape[2] or not (np.linalg.det(edges) < 0).all():
+        return cells
+    warnings.warn("all cells of the mesh are inverted: two corners of each are exchanged.", stacklevel=4)
+    return cells[:, [0, 2, 1, *range(3, cells.shape[1])]]
 
 
 def lumped(cells: np.ndarray, volumes: np.ndarray, density: ArrayLike, count: int) -> np.ndarray:

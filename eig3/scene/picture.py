@@ -43,7 +43,7 @@ class Places:
     positions: np.ndarray
     free: np.ndarray
     upright: bool = False
-    bodies: Bodies = field(default_factory=lambda: Bodies([], {}, []))
+    bodies: Bodies = field(default_factory=Bodies.none)
     moves: list[tuple[Any, tuple, np.ndarray, np.ndarray]] = field(default_factory=list)
 
     def __call__(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:

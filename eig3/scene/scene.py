@@ -17,7 +17,7 @@ from .bodies import Rigid, RigidBody, plates, principal_moments, rotation_matrix
 from .cell import Cell
 from .description import Axes, Description, Points, spread
 from .encounters import Encounters
-from .mesh import check_cells, is_fixed, lumped
+from .mesh import check_cells, is_fixed, lumped, oriented
 from .picture import mechanism
 
 __all__ = ["Scene"]
@@ -105,6 +105,8 @@ class Scene(Description):
         vectors = Axes(self, self.mass(squares, axes, rates).numbers)
         self._bodies.vectors.extend(vectors.numbers.tolist())
         self._bodies.plates.extend(plates(squares, vectors.numbers))
+        number = 1 + max(self._bodies.numbers.values(), default=-1)
+        self._bodies.numbers.update(dict.fromkeys([int(centre.numbers), *vectors.numbers.tolist()], number))
         self.add(Rigid(), *vectors)
         return RigidBody(self, centre, vectors, principal)
 
@@ -130,7 +132,8 @@ class Scene(Description):
         points : array_like, shape (points, dimension)
             Their positions at the start, m, as in ``meshio.Mesh.points``.
         cells : array_like of int, shape (cells, corners)
-            The numbers of the corners of each cell, as in ``meshio.CellBlock.data``. Every point belongs to a cell.
+            The numbers of the corners of each cell, as in ``meshio.CellBlock.data``. Every point belongs to a cell. If
+            all cells are inverted, two corners of each are exchanged.
         effect : Triangle or Tetrahedron
             Its parameters are numbers, or arrays with one number for each cell.
         density : float or array_like, shape (cells,)
@@ -151,8 +154,13 @@ class Scene(Description):
         Raises
         ------
         TypeError, ValueError
-            If the arrays do not match each other or the effect, or a cell is degenerate or inverted at rest. The error
-            names the argument, or the effect and the cell.
+            If the arrays do not match each other or the effect, or some cells are degenerate or inverted at rest. The
+            error names the argument, or the effect and the cells.
+
+        Warns
+        -----
+        UserWarning
+            If all cells are inverted.
         """
         if not isinstance(effect, Cell) or not effect.extent:
             raise TypeError("effect of add_mesh must be a Triangle or a Tetrahedron: it has a volume, and thus a mass.")
@@ -164,6 +172,7 @@ class Scene(Description):
         at_rest = places if rest is None else self._vectors(rest, "rest of a mesh")
         if at_rest.shape != places.shape:
             raise ValueError(f"rest of a mesh must have the shape {places.shape} of its points, not {at_rest.shape}.")
+        corners = oriented(corners, at_rest)
         volumes = effect.shape_columns(list(at_rest[corners.T]))[effect.extent]
         m = lumped(corners, volumes, density, len(places))
         m[is_fixed(fixed, len(places))] = 0.0

@@ -26,6 +26,7 @@ from ..functions.named import Parameters, named
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.loops import fixed
 from ..kernels.protocol import DEGREE, FAILED, ITERATIONS, RESIDUAL, SCALAR, TIME, Steps
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.memory import aligned, check_workspace
 from .march import Cancel, March, Rows
@@ -90,6 +91,7 @@ class Stepper(March):
         If two threads use the stepper at the same time; raised in the second thread.
     """
 
+    @with_suggestions()
     def __init__(
         self,
         rhs: Any,
@@ -180,6 +182,7 @@ class Stepper(March):
         u, v = np.maximum.reduce(np.abs(self.state[:2]), axis=1).tolist()
         return u, v
 
+    @with_suggestions()
     def advance(
         self,
         count: int,
