@@ -287,7 +287,7 @@ def close_passages(method: Method) -> Iterator[Finding]:
     For the other methods at e = 0.99 only the order of magnitude is known in advance.
     """
     problem = problems.kepler(e=0.9)
-    options = {"method": method.name, "save_every": None, "invariants_every": 1}
+    options: dict[str, Any] = {"method": method.name, "save_every": None, "invariants_every": 1}
     drifts = [problem.integrate(h=h, **options).drift["energy"] for h in (2e-4, 1e-4)]
     order = math.log2(drifts[0] / drifts[1])
     yield Finding(
@@ -452,7 +452,7 @@ def round_off_of_grades(method: Method) -> Iterator[Finding]:
     """
     n_steps, h = 10**7, 2.0**-10
     problem = problems.single_dof(omega=1.0, t_end=n_steps * h)
-    options = {"method": _of(problem, method), "save_every": None, "invariants_every": 1}
+    options: dict[str, Any] = {"method": _of(problem, method), "save_every": None, "invariants_every": 1}
     drift = problem.integrate(h=h, **options).drift["energy"]
     expected = math.sqrt(math.pi / 2) * 2.0**-53 * math.sqrt(n_steps / 12)
     yield within("energy drift, 1e7 steps", expected, drift, 4)

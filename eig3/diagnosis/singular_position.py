@@ -16,7 +16,7 @@ from ..functions.guard import evaluation, guarded
 from ..kernels.constraints import FLOATS, HEAD, Areas
 from ..kernels.protocol import BEFORE_END
 from ..methods import EIG3
-from ..stepping.march import March, Rows
+from ..stepping.march import Rows
 from ..stepping.options import NEVER, RunOptions
 from ..stepping.stepper import Stepper
 from ..stepping.system import remembered
@@ -34,7 +34,7 @@ _BEYOND = 20  # steps after the last state that a run takes to be past a singula
 _MOST_WORK = 3e7  # a run that takes more steps than this, divided by the degrees of freedom plus 10, is not tried
 
 
-def is_singular(last: March, h: float) -> bool:
+def is_singular(last: Stepper | VariableStepper, h: float) -> bool:
     """Return whether the constraints depend on each other at the state of a run, or within two steps after it."""
     constraints = constraints_of(last.system.rhs)
     if constraints is None:
@@ -57,7 +57,7 @@ def ways_past(last: Stepper, t_end: float) -> str:
     return f"{failed} did not pass it either; begin after it, or change the mechanism so that it does not come there"
 
 
-def _independence(last: March, t: float, u: np.ndarray, place: int) -> float:
+def _independence(last: Stepper | VariableStepper, t: float, u: np.ndarray, place: int) -> float:
     """Return the least pivot of the matrix of the constraints in a position, as a part of the entry on its diagonal."""
     p = guarded(last.params)
     _, sizes = evaluation(last.system.callback, last.form, t, u, np.zeros_like(u), p)
@@ -74,7 +74,7 @@ def _area(p: np.ndarray, place: int, name: str) -> np.ndarray:
     return p[begin : begin + length] if k < FLOATS else p[begin:].view(np.int32)[:length]
 
 
-def _others(last: Stepper, beyond: float, t_end: float) -> Iterator[tuple[str, March, int]]:
+def _others(last: Stepper, beyond: float, t_end: float) -> Iterator[tuple[str, Stepper | VariableStepper, int]]:
     """Yield runs with tolerances, and with other steps and methods: their names, their starts, and a count of steps."""
     rhs, form, start, most = last.system.rhs, last.form, last.start, int(_MOST_WORK / (10 + last.n))
     tolerances, method = check_tolerances(_RTOL, None, None, None, most), usual_method(_RTOL, True)
@@ -92,7 +92,7 @@ def _others(last: Stepper, beyond: float, t_end: float) -> Iterator[tuple[str, M
                 yield name, Stepper.of(system, last.t0, h, *start, guarded(last.params)), count
 
 
-def _passes(run: March, count: int, beyond: float) -> bool:
+def _passes(run: Stepper | VariableStepper, count: int, beyond: float) -> bool:
     """Return whether a run passes a time within a number of steps."""
     none, rows = np.empty(0), np.empty((0, run.n))
     try:

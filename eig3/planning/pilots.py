@@ -395,7 +395,10 @@ class Pilots:
         if follow and self.needs_reference:
             assert self._reference is not None
             options["t_eval"] = np.linspace(*self.window, len(self._reference) + 1)[1:]
-        options |= {"invariants_every": 1} if follow and self._energy else {"invariants": {}}
+        if follow and self._energy:
+            options["invariants_every"] = 1
+        else:
+            options["invariants"] = {}
         window = self.problem.with_(u0=self._motion(self._u0), v0=self._motion(self._v0), t_span=self.window)
         return window.integrate(method=method, max_steps=most, **options)
 
