@@ -235,7 +235,7 @@ class EIG3(_MayIgnoreVelocity):
 class _EIG3WithConstraints(EIG3):
     """EIG-3 (1, 1/2) with accelerations without reactions, and multipliers that enforce the constraints."""
 
-    second: ClassVar[str] = "leap"
+    second: ClassVar[str] = "constrained_step"
 
     @property
     def kernel(self) -> str:  # type: ignore[override]

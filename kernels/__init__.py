@@ -11,7 +11,7 @@ step(f, at, y, c, n)
 PAST : int
     Number of values besides u and v that a step passes to the next step; 0 by default.
 EVALUATIONS : int
-    Evaluations of f in a step; left out by a method that counts them in the tally itself.
+    Evaluations of f in a step; left out by a method that counts them itself, in the counters.
 start(u, v, a, h)
     The past values before the first step, as a tuple, from a = f(t0, u0, v0); zeros by default.
 START : str, START_STEPS : int

@@ -108,7 +108,7 @@ class Block(NamedTuple):
         The trajectory in each lane, or -1.
     place : ndarray of int
         See `NEXT`.
-    one, tally : ndarray
+    one, counters : ndarray
         Room for the rows of one trajectory, and for its start.
     h_first : float
         The first step, or 0 if it is not given.
@@ -119,7 +119,7 @@ class Block(NamedTuple):
     members: Any
     place: Any
     one: Any
-    tally: Any
+    counters: Any
     h_first: Any
 
 
@@ -227,7 +227,7 @@ def end(lane, span, of, y, block, trajectories):
 
 def begin_lane(lane, alone, span, of, y, block, trajectories, sight, look):
     """Begin the next trajectory in a lane, as a single run begins."""
-    one, tally, m = block.one, block.tally, block.place[NEXT]
+    one, counters, m = block.one, block.counters, block.place[NEXT]
     block.place[NEXT] += 1
     own = trajectories.params[m if len(trajectories.params) > 1 else 0]
     for d in range(N):
@@ -240,14 +240,14 @@ def begin_lane(lane, alone, span, of, y, block, trajectories, sight, look):
             trajectories.counts[m, ENDED] = LEFT
             block.place[OPEN] -= 1
             return
-    tally[:] = 0.0
-    tally[TIME], tally[STEP] = span.t0, min(block.h_first, span.h_max)
+    counters[:] = 0.0
+    counters[TIME], counters[STEP] = span.t0, min(block.h_first, span.h_max)
     limits = span.h_max, span.rtol, span.atol, span.is_relative
-    mine = Span(span.t0, span.t_end, own, 0, 0, 0, 0, *limits, 0, 0, tally, tally, one, one)
-    BEGIN(alone, address_of(mine), tally, ORDER, one)
-    of.time[lane], of.h[lane], of.before[lane], of.error[lane] = span.t0, tally[STEP], tally[STEP_BEFORE], 1.0
-    of.u_size[lane], of.v_size[lane], of.rejected[lane] = tally[U_SIZE], tally[V_SIZE], 0.0
-    trajectories.counts[m, EVALUATED] = 1 + int(tally[EVALUATIONS])
+    mine = Span(span.t0, span.t_end, own, 0, 0, 0, 0, *limits, 0, 0, counters, counters, one, one)
+    BEGIN(alone, address_of(mine), counters, ORDER, one)
+    of.time[lane], of.h[lane], of.before[lane], of.error[lane] = span.t0, counters[STEP], counters[STEP_BEFORE], 1.0
+    of.u_size[lane], of.v_size[lane], of.rejected[lane] = counters[U_SIZE], counters[V_SIZE], 0.0
+    trajectories.counts[m, EVALUATED] = 1 + int(counters[EVALUATIONS])
     if len(block.p) > len(own):  # each lane has its own parameters
         for k in range(len(own)):
             block.p[k * LANES + lane] = own[k]

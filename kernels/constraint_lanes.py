@@ -44,7 +44,7 @@ _AT = {name: function_at(signature) for name, (signature, _) in _KINDS.items()}
 
 
 @dataclass(frozen=True, eq=False)
-class Straight:
+class UnrolledConstraints:
     """A few constraints as straight lines of source, for the arrays of one member.
 
     Attributes
@@ -85,8 +85,8 @@ def rhs(t, u, v, p, a):
     REACT_AT(REACT)(u, v, p, a)
 
 
-def leap(t, h, u, v, drift, p):
-    """Take a step of EIG-3, as the task LEAP of `constraints.hold` does."""
+def constrained_step(t, h, u, v, drift, p):
+    """Take a step of EIG-3, as the task CONSTRAINED_STEP of `constraints.hold` does."""
     x, room = ROWS_ON_STACK(), ROOM_ON_STACK()
     FORCES_AT(FORCES)(t, u, v, p, x)
     for j in range(SIZE):
@@ -123,7 +123,7 @@ def find(u, x, p, room):
             x[first + lane] = x[first + lane] if room[lane] == CONVERGED else math.nan
 
 
-def compile_constrained(functions: Straight, layout: Layout, is_checked: bool = False) -> Lanes:
+def compile_constrained(functions: UnrolledConstraints, layout: Layout, is_checked: bool = False) -> Lanes:
     """Compile the right-hand side of a block, which knows the constraints."""
     forces = compile_rhs(functions.forces.py_func, layout, is_checked)
     parts = {"forces": forces, **_parts(("react",), functions, layout, is_checked)}
@@ -131,18 +131,22 @@ def compile_constrained(functions: Straight, layout: Layout, is_checked: bool = 
     return _joined(rhs, layout.rhs.args, names, parts, is_checked)
 
 
-def compile_keeping(functions: Straight, layout: Layout, is_leap: bool, is_checked: bool = False) -> Lanes:
+def compile_keeping(
+    functions: UnrolledConstraints, layout: Layout, is_constrained_step: bool, is_checked: bool = False
+) -> Lanes:
     """Compile the function of a block that keeps the constraints: a step of EIG-3, or else the projection."""
     size = layout.n * layout.lanes
     names: dict[str, Any] = {"LANES": layout.lanes, "SIZE": size, "FORCES_AT": function_at(VECTOR.rhs)}
     names |= {"ROWS_ON_STACK": _on_stack(size), "ROOM_ON_STACK": _on_stack(functions.room * layout.lanes)}
     names |= {f"{name.upper()}_AT": at for name, at in _AT.items()}
     parts = _parts(("stand", "approach", "level"), functions, layout, is_checked)
-    if is_leap:
+    if is_constrained_step:
         parts["forces"] = compile_rhs(functions.forces.py_func, layout, is_checked)
     inlined = numba.njit(inline="always", **options_for(is_checked))
     names["FIND"] = inlined(bound(find, names | _addresses(parts)))
-    template, arguments = (leap, VECTOR.leap.args) if is_leap else (project, VECTOR.apply.args)
+    template, arguments = (
+        (constrained_step, VECTOR.constrained_step.args) if is_constrained_step else (project, VECTOR.apply.args)
+    )
     return _joined(template, arguments, names, parts, is_checked)
 
 
@@ -160,7 +164,7 @@ def _addresses(parts: dict[str, Lanes]) -> dict[str, int]:
     return {name.upper(): part.address for name, part in parts.items()}
 
 
-def _parts(wanted: Sequence[str], functions: Straight, layout: Layout, is_checked: bool) -> dict[str, Lanes]:
+def _parts(wanted: Sequence[str], functions: UnrolledConstraints, layout: Layout, is_checked: bool) -> dict[str, Lanes]:
     """Compile the loops over the lanes around the lines of some parts."""
     names = {**layout.names(), "ROOM": view(functions.room, layout.lanes), "nan": math.nan, "inf": math.inf}
     found = {}

@@ -38,7 +38,7 @@ from .protocol import index, vector_type
 ROWS, MASSES, SUMS, ARMS, ENTRIES, LENGTH, IS_FACTORED, FACTORED_AT = range(8)
 HEAD = 8
 #: What `hold` does.
-STAND, CONSTRAIN, REACT, PROJECT, LEAP = map(np.int64, range(5))
+STAND, CONSTRAIN, REACT, PROJECT, CONSTRAINED_STEP = map(np.int64, range(5))
 #: What a function of constraints of one's own does: see `evaluate_own`.
 PLACE, SPEED = map(np.int64, range(2))
 
@@ -405,8 +405,8 @@ def hold(task, own, t, h, u, v, x, p, place, d):
     - CONSTRAIN adds the accelerations from the constraints to x: NaN where the constraints depend on each other.
     - REACT finds the multipliers for accelerations x without them.
     - PROJECT moves u and v to the nearest state that keeps the constraints. Without one, u becomes NaN.
-    - LEAP takes a step of EIG-3, from the accelerations in `forces` that the constraints do not know. Here x is the
-      drift (u_n - u_{n-1}) / h. What u has after the coordinates is without constraints.
+    - CONSTRAINED_STEP takes a step of EIG-3, from the accelerations in `forces` without reactions. Here x is the drift
+      (u_n - u_{n-1}) / h. The entries of u after the coordinates are without constraints.
     """
     c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
     success = stand(own, t, u, p, place, c, n, rows, d)
@@ -417,11 +417,11 @@ def hold(task, own, t, h, u, v, x, p, place, d):
             push(c, 1.0 if success else math.nan, rows, n, x, d)
         return success
     for j in range(len(u)):
-        c.before[j] = h * (x[j] + h * c.forces[j]) if task == LEAP else 0.0
+        c.before[j] = h * (x[j] + h * c.forces[j]) if task == CONSTRAINED_STEP else 0.0
     success &= approach(own, t + h, u, c.before, p, place, c, n, rows, d)
     for j in range(len(u)):
         u[j] += c.before[j] if success else math.nan
-        if task == LEAP:
+        if task == CONSTRAINED_STEP:
             now = c.before[j] / h
             v[j] = now + (now - x[j]) / 2
             x[j] = now

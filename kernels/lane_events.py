@@ -52,8 +52,8 @@ class Sight(NamedTuple):
         The side of its zero on which the function of each event is, and its value at the end of the step times this.
     due : ndarray, shape (lanes,)
         The next wanted time; infinity if there is none.
-    tallies : ndarray, shape (lanes, k)
-        The tally of each lane, as in a single run.
+    counters : ndarray, shape (lanes, k)
+        The counters of each lane, as in a single run.
     members : ndarray of int
         The trajectory of each row of the log of occurrences.
     logged : ndarray of int, shape (1,)
@@ -68,7 +68,7 @@ class Sight(NamedTuple):
     sides: Any
     products: Any
     due: Any
-    tallies: Any
+    counters: Any
     members: Any
     logged: Any
     steps: Any
@@ -105,25 +105,25 @@ def see(p, of, y, sight):
 
 def begin_sight(lane, m, t0, own, one, sight, look):
     """Look at the start of the trajectory m in a lane, as a single run does."""
-    watch, tally = look.watch, sight.tallies[lane]
-    tally[:] = 0.0
+    watch, counters = look.watch, sight.counters[lane]
+    counters[:] = 0.0
     for k in range(len(watch.events)):
         mine = EVENTS + EVENT_VALUES * k
-        tally[mine + SIDE] = EVENT(watch.events[k, G], t0, one[U], one[V], own)
-        tally[mine + LAST] = -math.inf
-        sight.sides[k, lane] = tally[mine + SIDE]
+        counters[mine + SIDE] = EVENT(watch.events[k, G], t0, one[U], one[V], own)
+        counters[mine + LAST] = -math.inf
+        sight.sides[k, lane] = counters[mine + SIDE]
     if len(watch.times) > 0 and watch.times[0] == t0:
         sight.steps[m, 0] = 0.0
         for d in range(N):
             sight.u[m, 0, d], sight.v[m, 0, d] = one[U, d], one[V, d]
-        tally[NEXT] = 1.0
-    sight.due[lane] = due_after(tally, watch.times)
+        counters[NEXT] = 1.0
+    sight.due[lane] = due_after(counters, watch.times)
 
 
 @element
-def due_after(tally, times):
+def due_after(counters, times):
     """Return the next wanted time; infinity if there is none."""
-    following = int(tally[NEXT])
+    following = int(counters[NEXT])
     return times[following] if following < len(times) else math.inf
 
 
@@ -132,7 +132,7 @@ def look_alone(lane, alone, span, own, of, block, sight, look):
 
     After a reset, or a terminal event, the end of the step is the state there.
     """
-    s, m, one, tally, watch = block.values, block.members[lane], block.one, sight.tallies[lane], look.watch
+    s, m, one, counters, watch = block.values, block.members[lane], block.one, sight.counters[lane], look.watch
     for k in range(ROWS):
         for d in range(N):
             one[k, d] = s[(k * N + d) * LANES + lane]
@@ -143,31 +143,31 @@ def look_alone(lane, alone, span, own, of, block, sight, look):
     DENSE(f, t, step, own, N, y, coefficients)
     outcome, part, t_stop, first = PASSED, 1.0, t_end, sight.logged[0]
     if of.sees[lane] == 1:
-        tally[LOGGED] = first
+        counters[LOGGED] = first
         outcome, part, t_stop = SEARCH(
-            address_of(look), tally, span.t0, t, step, t_end, N, coefficients, u_end, v_end, u_there, v_there, own
+            address_of(look), counters, span.t0, t, step, t_end, N, coefficients, u_end, v_end, u_there, v_there, own
         )
-        sight.logged[0] = int(tally[LOGGED])
+        sight.logged[0] = int(counters[LOGGED])
         for row in range(first, sight.logged[0]):
             sight.members[row] = m
         for k in range(len(watch.events)):
-            sight.sides[k, lane] = tally[EVENTS + EVENT_VALUES * k + SIDE]
+            sight.sides[k, lane] = counters[EVENTS + EVENT_VALUES * k + SIDE]
     if outcome != PASSED and outcome != RESET and outcome != TERMINAL:
         of.bad[lane] = BAD
         return DENSE_COST
     if outcome != TERMINAL:
-        write_times(t, step, t_end, t_stop, coefficients, u_end, v_end, m, tally, sight, watch)
+        write_times(t, step, t_end, t_stop, coefficients, u_end, v_end, m, counters, sight, watch)
     else:  # times at the event, but for round-off, have the state before it
         near = NEAR * EPSILON * max(abs(span.t0), abs(t_stop))
         while watch.log[first, 1] < t_stop - near:  # an event without a reset, earlier in the step
             first += 1
         before, last = watch.log[first], t_stop - EPSILON * abs(t_stop)
-        write_times(t, step, t_end, last, coefficients, u_end, v_end, m, tally, sight, watch)
+        write_times(t, step, t_end, last, coefficients, u_end, v_end, m, counters, sight, watch)
         there = before[2:], before[2 + N :]
-        write_times(t, part * step, last, t_stop + near, coefficients, *there, m, tally, sight, watch)
-        sight.stops[m, 0], sight.stops[m, 1] = t_stop, tally[ENDED_BY]
+        write_times(t, part * step, last, t_stop + near, coefficients, *there, m, counters, sight, watch)
+        sight.stops[m, 0], sight.stops[m, 1] = t_stop, counters[ENDED_BY]
         of.bad[lane] = STOPPED
-    sight.due[lane] = due_after(tally, watch.times)
+    sight.due[lane] = due_after(counters, watch.times)
     if outcome == PASSED:
         return DENSE_COST
     PROJECT(look.follow, t_stop, u_there, v_there, own)
@@ -178,15 +178,15 @@ def look_alone(lane, alone, span, own, of, block, sight, look):
             s[(row * N + d) * LANES + lane] = y[A][d]
     of.time[lane], of.before[lane], of.error[lane] = t_stop, part * step, 0.0
     if outcome == RESET:
-        of.h[lane] = min(of.h[lane], LATER * tally[GAP])
+        of.h[lane] = min(of.h[lane], LATER * counters[GAP])
     return DENSE_COST + 1
 
 
 @outlined
-def write_times(t, step, t_end, t_stop, coefficients, u_end, v_end, m, tally, sight, watch):
+def write_times(t, step, t_end, t_stop, coefficients, u_end, v_end, m, counters, sight, watch):
     """Write the states at the wanted times up to t_stop. Those at t_end and later are `u_end` and `v_end`."""
-    while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= t_stop:
-        row = int(tally[NEXT])
+    while int(counters[NEXT]) < len(watch.times) and watch.times[int(counters[NEXT])] <= t_stop:
+        row = int(counters[NEXT])
         if watch.times[row] >= t_end:
             for d in range(sight.u.shape[2]):
                 sight.u[m, row, d], sight.v[m, row, d] = u_end[d], v_end[d]
@@ -194,7 +194,7 @@ def write_times(t, step, t_end, t_stop, coefficients, u_end, v_end, m, tally, si
             s = (watch.times[row] - t) / step
             evaluate(coefficients, s, sight.u.shape[2], sight.u[m, row], sight.v[m, row])
         sight.steps[m, row] = step
-        tally[NEXT] += 1
+        counters[NEXT] += 1
 
 
 def seeing(form: Form, names: dict[str, Any]) -> dict[str, Any]:

@@ -35,7 +35,7 @@ from .protocol import (
 STOP_TIME, STOP_EVENT, STOP_COST, STOP_ROWS = range(4)
 
 
-def search_steps(address, look, tally, t0, times, sides, states, params, found):
+def search_steps(address, look, counters, t0, times, sides, states, params, found):
     """Search a step of each of some trajectories; `times` has its two ends, shape (trajectories, 2).
 
     `sides` has the side of the zero on which each g was before, for a g that is zero at the start of the step. `states`
@@ -46,20 +46,20 @@ def search_steps(address, look, tally, t0, times, sides, states, params, found):
     y, end = rows(watch.work[WORK:], PAIR_ROWS), 0
     for i in range(len(times)):
         own, t = params[i if len(params) > 1 else 0], times[i, 0]
-        tally[:] = 0.0
-        tally[LOGGED] = end
+        counters[:] = 0.0
+        counters[LOGGED] = end
         for j in range(n):
             y[U][j], y[V][j] = states[0, i, j], states[1, i, j]
             y[U_END][j], y[V_END][j] = states[2, i, j], states[3, i, j]
         for k in range(len(watch.events)):
             mine = EVENTS + EVENT_VALUES * k
             g = EVENT(watch.events[k, G], t, states[0, i], states[1, i], own)
-            tally[mine + SIDE] = g if g != 0 else sides[i, k]
-            tally[mine + LAST] = -math.inf
+            counters[mine + SIDE] = g if g != 0 else sides[i, k]
+            counters[mine + LAST] = -math.inf
         found[i, STOP_TIME] = math.nan
-        if SEARCH(address, address_of(look), tally, t0, t, times[i, 1], n, own) == TERMINAL:
-            found[i, STOP_TIME], found[i, STOP_EVENT] = tally[TIME], tally[ENDED_BY]
-            found[i, STOP_COST], end = tally[EVALUATIONS] + 1, int(tally[LOGGED])
+        if SEARCH(address, address_of(look), counters, t0, t, times[i, 1], n, own) == TERMINAL:
+            found[i, STOP_TIME], found[i, STOP_EVENT] = counters[TIME], counters[ENDED_BY]
+            found[i, STOP_COST], end = counters[EVALUATIONS] + 1, int(counters[LOGGED])
             for j in range(n):
                 states[2, i, j], states[3, i, j] = y[U_END][j], y[V_END][j]
         found[i, STOP_ROWS] = end

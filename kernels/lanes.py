@@ -65,7 +65,7 @@ _OF_LIBM = re.compile(rf"call [^\n]*@(?:llvm\.)?{_NAMES}[.(]")
 # the C library as often as there are lanes.
 _OF_LIBM_IN_LANES = re.compile(rf"@llvm\.{_NAMES}\.v\d+f64")
 
-_CELLS, _GUARD_ROWS = 64, 4  # of NaN after the parameters: shared ones, and those in lanes
+_GUARD_VALUES, _GUARD_ROWS = 64, 4  # of NaN after the parameters: shared ones, and those in lanes
 
 #: The signature of a quantity that is compiled for a block, and the function that takes it from its address.
 _QUANTITY = none(float64, *[vector_type] * 8)
@@ -280,8 +280,8 @@ class Layout:
 
     @property
     def begin_of_steps(self) -> int:
-        """Index of the rows h and t0 in p. Before them are cells of NaN, which rhs must not read."""
-        return self.params_size + (_CELLS if self.shares_params else _GUARD_ROWS * self.lanes)
+        """Index of the rows h and t0 in p. Before them are guard values, which rhs must not read."""
+        return self.params_size + (_GUARD_VALUES if self.shares_params else _GUARD_ROWS * self.lanes)
 
     @property
     def size(self) -> int:

@@ -12,7 +12,7 @@ from numba.types import Array, float64, int64, none
 
 from .compile.jit import element, function_at
 from .compile.numba_internals import (
-    Cell,
+    FloatPointer,
     Row,
     array_over,
     copy_on_stack,
@@ -23,7 +23,7 @@ from .compile.numba_internals import (
     row_over,
 )
 
-#: The entries of a kernel's `tally`: two counts, and the residual and the degree of freedom of a failed solve.
+#: The entries of a kernel's `counters`: two counts, and the residual and the degree of freedom of a failed solve.
 EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
 
 #: Further entries for a run with events or tolerances: the time, the next step and the step before, the logarithm of
@@ -208,10 +208,10 @@ class At(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Arguments of a method that solves equations: the tally, for n degrees of freedom an n x n matrix, and its second
-    callback, such as a jacobian, or None."""
+    """Arguments of a method that solves equations: the counters, for n degrees of freedom an n x n matrix, and its
+    second callback, such as a jacobian, or None."""
 
-    tally: Any
+    counters: Any
     matrix: Any
     callback: Any
 
@@ -246,10 +246,10 @@ SPAN = types.NamedTuple(
 class Form:
     """The types for one form of right-hand side: the scalar form, or the vector form for n degrees of freedom.
 
-    An `invariant` returns its only value, as an output with one value does; an `output` writes its values. A `leap`
-    changes u, v and the drift: it is a step of EIG-3 with constraints, for which there is no scalar form. A kernel
-    has rows of n values also for one degree of freedom: `calls` has an element that calls a function of each kind of
-    the scalar form with rows.
+    An `invariant` returns its only value, as an output with one value does; an `output` writes its values. A
+    `constrained_step` changes u, v and the drift: it is a step of EIG-3 with constraints, for which there is no scalar
+    form. A kernel has rows of n values also for one degree of freedom: `calls` has an element that calls a function of
+    each kind of the scalar form with rows.
     """
 
     name: str
@@ -258,7 +258,7 @@ class Form:
     invariant: Any
     apply: Any
     output: Any
-    leap: Any
+    constrained_step: Any
     state: Any
     calls: Mapping[str, Any]
 
@@ -336,7 +336,7 @@ SCALAR = Form(
     invariant=float64(float64, float64, float64, _given),
     apply=types.UniTuple(float64, 2)(float64, float64, float64, _given),
     output=none(float64, float64, float64, _given, vector_type),
-    leap=None,
+    constrained_step=None,
     state=vector_type,
     calls={
         "rhs": acceleration_of_one,
@@ -353,7 +353,7 @@ VECTOR = Form(
     invariant=float64(float64, _given, _given, _given),
     apply=none(float64, vector_type, vector_type, _given),
     output=none(float64, _given, _given, _given, vector_type),
-    leap=none(float64, float64, vector_type, vector_type, vector_type, _given),
+    constrained_step=none(float64, float64, vector_type, vector_type, vector_type, _given),
     state=matrix_type,
     calls={},
 )
@@ -431,13 +431,13 @@ def part_of_row(typingctx, state, row, first, count):
     return vector_type(state, int64, int64, int64), codegen
 
 
-_cell = Cell()
+_pointer = FloatPointer()
 
 
 @intrinsic(prefer_literal=True)
-def cells(typingctx, state, count):
-    """``cells(state, count)`` returns the first `count` rows of one value of a 2-D array as a tuple of `Cell`."""
-    kind = types.UniTuple(_cell, count.literal_value)
+def pointers(typingctx, state, count):
+    """``pointers(state, count)`` returns the first `count` rows of one value of a 2-D array as pointers to floats."""
+    kind = types.UniTuple(_pointer, count.literal_value)
 
     def codegen(context, builder, signature, args):
         data = parts_of(context, builder, signature.args[0], args[0]).data
@@ -448,9 +448,9 @@ def cells(typingctx, state, count):
 
 
 @intrinsic(prefer_literal=True)
-def stack_cells(typingctx, n, count):
-    """``stack_cells(1, count)`` returns a tuple of `count` cells on the stack, which LLVM keeps in registers."""
-    kind = types.UniTuple(_cell, count.literal_value)
+def stack_floats(typingctx, n, count):
+    """``stack_floats(1, count)`` returns a tuple of `count` floats on the stack, which LLVM keeps in registers."""
+    kind = types.UniTuple(_pointer, count.literal_value)
 
     def codegen(context, builder, signature, args):
         return context.make_tuple(builder, kind, [floats_on_stack(builder, 1) for _ in range(count.literal_value)])
@@ -486,8 +486,8 @@ def copy_rows(typingctx, target, source, n):
     def codegen(context, builder, signature, args):
         def places(rows: Any) -> list[Any]:
             arrays = entries_of(builder, rows, len(target))
-            is_cell = target.dtype == _cell
-            data = arrays if is_cell else [parts_of_row(builder, row)[0] for row in arrays]
+            is_pointer = target.dtype == _pointer
+            data = arrays if is_pointer else [parts_of_row(builder, row)[0] for row in arrays]
             return [builder.gep(d, [context.get_constant(types.intp, j)]) for d in data for j in range(n.literal_value)]
 
         values = [builder.load(place) for place in places(args[1])]

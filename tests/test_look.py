@@ -153,15 +153,15 @@ def look_of(form, n, start, *, work_rows, quantities=(), events=(), times=(), ro
         np.empty((work_rows, n)),
         np.empty((4, len(events))),
     )
-    tally = np.zeros(EVENTS + EVENT_VALUES * len(events))
-    of_events = tally[EVENTS:].reshape(-1, EVENT_VALUES)
+    counters = np.zeros(EVENTS + EVENT_VALUES * len(events))
+    of_events = counters[EVENTS:].reshape(-1, EVENT_VALUES)
     of_events[:, 0], of_events[:, 1] = [g.call(t0, u0, v0, p) for g in gs], -np.inf
-    tally[TIME], tally[PART_END] = t0, 1
+    counters[TIME], counters[PART_END] = t0, 1
     if formulas is None:
         look = Look(watch, follow)
     else:
         look = Look(watch, follow, within_steps(values, n, formulas, np.zeros(len(quantities))))
-    return SimpleNamespace(look=look, follow=follow, watch=watch, tally=tally, saved=saved, callbacks=callbacks)
+    return SimpleNamespace(look=look, follow=follow, watch=watch, counters=counters, saved=saved, callbacks=callbacks)
 
 
 def level(looked_for):
@@ -198,7 +198,7 @@ class FixedRun:
         for k, values in enumerate((u0, v0, *formulas.start(u0, v0, a, h))):
             self.state[k] = values
         self.settings = np.array(running.settings, dtype=np.float64)
-        self.tally, self.look = np.zeros(4), None
+        self.counters, self.look = np.zeros(4), None
         looks = level(looked_for)
         if looks:
             made = look_of(form, n, start, work_rows=fixed.work_rows(formulas, order), rows=rows, **looked_for)
@@ -215,7 +215,7 @@ class FixedRun:
         """Take steps, and return how the call ended."""
         u, v = (x.reshape(len(x), self.state.shape[1]) for x in (self.u, self.v))
         steps = Steps(self.h, self.t0, self.p, self.index, count, self.every, self.row, u, v)
-        taken, self.row, ended = self.kernel(self.rhs, self.state, self.settings, self.tally, steps, self.look)
+        taken, self.row, ended = self.kernel(self.rhs, self.state, self.settings, self.counters, steps, self.look)
         self.index += taken
         return ended
 
@@ -234,11 +234,11 @@ class VariableRun:
         else:
             callback.call(t0, u0, v0, self.p, a)
         self.state[U], self.state[V], self.state[A] = u0, v0, a
-        self.tally, self.look, looks = np.zeros(EVENTS), None, level(looked_for)
+        self.counters, self.look, looks = np.zeros(EVENTS), None, level(looked_for)
         if looks:
             made = look_of(form, n, start, work_rows=formulas.work_rows, rows=rows, formulas=formulas, **looked_for)
             vars(self).update(vars(made))
-        self.tally[TIME], self.tally[ERROR] = t0, 1.0
+        self.counters[TIME], self.counters[ERROR] = t0, 1.0
         if inline:
             quantities = tuple((q, w) for q, w, _ in looked_for.get("quantities", ()))
             kernel, callbacks = variable.inline_kernel(module, form, n, rhs, looks=looks, quantities=quantities), ()
@@ -254,7 +254,7 @@ class VariableRun:
                 *(t0, t_end, self.p, self.index, 1000, every, self.row, np.inf, rtol, np.zeros((2, n)), 1),
                 *(int(may_shorten), 0, self.t, self.h, self.u, self.v),
             )
-            taken, self.row, self.ended = kernel(callbacks, self.state, np.empty(0), self.tally, span, self.look)
+            taken, self.row, self.ended = kernel(callbacks, self.state, np.empty(0), self.counters, span, self.look)
             self.index += taken
 
 
@@ -289,7 +289,7 @@ def test_a_look_changes_no_bit_and_its_values_are_those_of_the_saved_states(case
     np.testing.assert_array_equal(plain.state, run.state)
     np.testing.assert_array_equal(plain.u, run.u)
     np.testing.assert_array_equal(plain.v, run.v)
-    np.testing.assert_array_equal(plain.tally[:2], run.tally[:2])
+    np.testing.assert_array_equal(plain.counters[:2], run.counters[:2])
     t = start[0] + 0.01 * np.arange(1, 201)
     table, follow = run.follow.table, run.follow
     for k in range(len(quantities)):
@@ -318,7 +318,7 @@ def test_parts_of_a_run_end_with_their_steps():
     while ends_of_parts[-1] <= 500:
         ends_of_parts.append(ends_of_parts[-1] + max(1, ends_of_parts[-1] // 5))
     last = len(ends_of_parts) - 1
-    assert (run.tally[PART], run.tally[PART_END]) == (last, ends_of_parts[-1])
+    assert (run.counters[PART], run.counters[PART_END]) == (last, ends_of_parts[-1])
     for part in range(last - PARTS + 1, last + 1):
         begin, end = ends_of_parts[part - 1], min(500, ends_of_parts[part])
         values = run.saved[0][begin:end, 0]  # row i is the state after step i + 1
@@ -336,7 +336,7 @@ def test_chunks_follow_the_same(case):
         chunked.take(count)
     for one, other in zip(whole.follow[1:], chunked.follow[1:], strict=True):
         np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(whole.tally, chunked.tally)
+    np.testing.assert_array_equal(whole.counters, chunked.counters)
     np.testing.assert_array_equal(whole.saved[0], chunked.saved[0])
 
 
@@ -382,7 +382,7 @@ def test_states_at_events_are_followed():
     # The method and the dense output are exact for a constant acceleration, up to round-off of some units.
     np.testing.assert_allclose(run.follow.extremes[:, 0], [-4.0, 2.0, 0.5, 0.5], rtol=1e-13)
     np.testing.assert_allclose(run.follow.steps[:, 0], [-4.0, 2.0], rtol=1e-13)
-    assert run.tally[LOGGED] == 1
+    assert run.counters[LOGGED] == 1
     np.testing.assert_array_equal(run.saved[0][:, 0], run.v)
     assert run.v.min() > -4.0  # no end of a step is at the impact
     assert run.v.max() < 2.0
@@ -392,8 +392,8 @@ def test_the_values_at_a_terminal_event_are_the_latest():
     run = bouncing(terminal=True, rows=25)
     assert run.take(25) == TERMINAL
     assert run.index == 16
-    assert run.tally[ENDED_BY] == 0
-    assert run.tally[TIME] == pytest.approx(0.5, rel=1e-13)
+    assert run.counters[ENDED_BY] == 0
+    assert run.counters[TIME] == pytest.approx(0.5, rel=1e-13)
     assert run.follow.out[0] == run.state[1] == pytest.approx(-4.0, rel=1e-13)
 
 
@@ -401,10 +401,10 @@ def test_resets_in_ever_shorter_times_end_the_run():
     """The flights take 1/2, 1/4, ...: they end at 0.5 + 0.5 + 0.25 + ... = 1.5, at one below 2**-43 of this time."""
     run = bouncing(rows=100)
     assert run.take(100) == ZENO
-    assert run.tally[TIME] == pytest.approx(1.5, rel=1e-9)
+    assert run.counters[TIME] == pytest.approx(1.5, rel=1e-9)
     assert run.follow.out[0] == run.state[1]
     # The flight before impact m takes 0.5**(m - 1): 2**-43 is the first below 1.5 * 2**-43, up to round-off.
-    assert run.tally[LOGGED] == pytest.approx(44, abs=1)
+    assert run.counters[LOGGED] == pytest.approx(44, abs=1)
 
 
 def test_a_full_log_ends_a_call_and_the_next_one_goes_on():
@@ -414,9 +414,9 @@ def test_a_full_log_ends_a_call_and_the_next_one_goes_on():
     while parts.index < 40:
         ended = parts.take(40 - parts.index)
         assert ended in (GOING, FULL)
-        parts_log.extend(parts.watch.log[: int(parts.tally[LOGGED])].copy())
-        parts.tally[LOGGED] = 0
-    np.testing.assert_array_equal(parts_log, whole.watch.log[: int(whole.tally[LOGGED])])
+        parts_log.extend(parts.watch.log[: int(parts.counters[LOGGED])].copy())
+        parts.counters[LOGGED] = 0
+    np.testing.assert_array_equal(parts_log, whole.watch.log[: int(whole.counters[LOGGED])])
     np.testing.assert_array_equal(parts.state, whole.state)
     for name in ("extremes", "steps", "parts"):
         np.testing.assert_array_equal(getattr(parts.follow, name), getattr(whole.follow, name))
@@ -431,7 +431,7 @@ def test_quantities_at_wanted_times_widen_nothing():
     )
     for each in (run, other):
         each.take(60)
-    assert run.tally[NEXT] == 4
+    assert run.counters[NEXT] == 4
     np.testing.assert_array_equal(run.saved[0][:, 0], run.watch.u_rows[:, 0])
     np.testing.assert_array_equal(run.saved[0][:, 1], times * run.watch.v_rows[:, 0])
     np.testing.assert_array_equal(run.follow.extremes, other.follow.extremes)
@@ -446,7 +446,7 @@ def test_vectors_are_reset_and_followed():
     run = FixedRun(method, pair, start, 0.01, 1, 300, quantities=((ends, 2, -1),), events=[event])
     plain = FixedRun(method, pair, start, 0.01, 1, 300)
     assert run.take(300) == plain.take(300) == GOING
-    assert run.tally[LOGGED] == 1
+    assert run.counters[LOGGED] == 1
     t_reset = run.watch.log[0, 1]
     assert t_reset == pytest.approx(np.pi / 6, abs=1e-5)  # a period has an error of (omega h)^2 / 24
     steps_before = int(t_reset / 0.01)

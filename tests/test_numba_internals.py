@@ -462,7 +462,7 @@ def test_cells():
             builder.store(args[0], begin)
             return begin
 
-        return internals.Cell()(value), codegen
+        return internals.FloatPointer()(value), codegen
 
     def changed(value):
         row = cell(value)

@@ -309,7 +309,7 @@ def hostile_file(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("place", [("stepper", "state"), ("stepper", "tally"), ("stepper", "numbers")])
+@pytest.mark.parametrize("place", [("stepper", "state"), ("stepper", "counters"), ("stepper", "numbers")])
 @pytest.mark.parametrize("value", [None, "text", 3, {"array": "t"}, {"array": "texts"}], ids=repr)
 def test_a_damaged_state_is_found_when_the_run_goes_on(place, value, tmp_path):
     """A right-hand side beside a state of another shape would read and write beyond its arrays."""

@@ -67,7 +67,7 @@ class Divergence:
 
     @property
     def _lost(self) -> str:
-        return AT_SINGULAR if self._is_singular else lost_constraints(bool(self.last.system.leap))
+        return AT_SINGULAR if self._is_singular else lost_constraints(bool(self.last.system.constrained_step))
 
     def explain(self) -> str:
         """Find the reason: an error of rhs, or a step above the critical step, and a shorter step that works.

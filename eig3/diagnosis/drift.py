@@ -115,15 +115,15 @@ def _last_parts(march: Stepper | VariableStepper, column: int) -> tuple[np.ndarr
 
     An incomplete last part is merged with the previous part.
     """
-    look, tally, index = march.look, march.tally, march.index
+    look, counters, index = march.look, march.counters, march.index
     assert look
-    part = int(tally[PART])
+    part = int(counters[PART])
     ends = [0, 1]
     while len(ends) < part + 2:
         ends.append(ends[-1] + max(1, ends[-1] // 5))  # the same division as in the kernel
     rows = np.arange(max(0, part + 1 - PARTS), part + 1) % PARTS
     (low, high), forward = look.parts[rows, :, column].T, look.forward[rows]
-    if len(rows) > 1 and index < tally[PART_END]:
+    if len(rows) > 1 and index < counters[PART_END]:
         low[-2], high[-2] = min(low[-2], low[-1]), max(high[-2], high[-1])
         low, high, forward = low[:-1], high[:-1], forward[:-1]
         del ends[-2]

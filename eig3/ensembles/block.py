@@ -183,7 +183,7 @@ class Block(Alone):
                 degree = None if self.shared.layout.form is SCALAR else int(np.argmin(finite[step, :, place]))
                 what = became_non_finite(state.t0 + (first + step) * state.h[lane], state.h[lane], degree)
                 self._ends[lane] = first + step
-                lost = lost_constraints(bool(self.shared.leap or self.shared.project))
+                lost = lost_constraints(bool(self.shared.constrained_step or self.shared.project))
                 self._failed[lane] = f"{what}{lost}; solution.explain() looks for the reason."
             lanes = lanes[good.all(axis=0)]
 

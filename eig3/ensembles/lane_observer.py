@@ -80,10 +80,10 @@ class LaneObserver:
 
     def check(self) -> None:
         """Raise a ValueError if a function has written beyond its values."""
-        cells, end = _GUARD_ROWS * self._lanes, 0
+        guards, end = _GUARD_ROWS * self._lanes, 0
         for k, quantity in enumerate(self._quantities):
             begin, end = end, int(self._table[k, OUT] + self._table[k, WIDTH])
-            if not (are_untouched(self._out[begin : begin + cells]) and are_untouched(self._out[end : end + cells])):
+            if not (are_untouched(self._out[begin : begin + guards]) and are_untouched(self._out[end : end + guards])):
                 raise quantity.written_beyond()
 
     def latest(self, name: str) -> np.ndarray:
@@ -151,8 +151,8 @@ def search_steps(
     times = np.column_stack([t0 + (index - 1) * h, t0 + index * h])
     states = np.array([u[0].T, v[0].T, u[1].T, v[1].T])
     params = (members.params[chosen] if members.has_own_params else members.params[None]).copy()
-    found, tally = np.empty((len(chosen), 4)), np.zeros(EVENTS + EVENT_VALUES * count)
-    kernel(system.callback.address, look, tally, t0, times, np.ascontiguousarray(sides), states, params, found)
+    found, counters = np.empty((len(chosen), 4)), np.zeros(EVENTS + EVENT_VALUES * count)
+    kernel(system.callback.address, look, counters, t0, times, np.ascontiguousarray(sides), states, params, found)
     ended = ~np.isnan(found[:, STOP_TIME])
     t, event, cost, ends = found[ended].T[[STOP_TIME, STOP_EVENT, STOP_COST, STOP_ROWS]]
     chosen, index = chosen[ended], index[ended]

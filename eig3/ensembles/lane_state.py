@@ -53,12 +53,12 @@ class LaneState:
         self._unit = self.h if layout.has_own_step else np.ones(layout.lanes)
         self._clock = (1.0, 0.0) if layout.has_own_step else (float(self.h[0]), self.t0)  # h and t0 of the kernel
         self._rhs, self._kernel, self._stops = shared.rhs, shared.kernel, shared.stops
-        self._callbacks = shared.rhs.address, shared.leap.address if shared.leap else None
+        self._callbacks = shared.rhs.address, shared.constrained_step.address if shared.constrained_step else None
         self._slices = Slices(shared.pace.seconds)
-        self._method, self._tally = shared.method, np.zeros(EVENTS)
+        self._method, self._counters = shared.method, np.zeros(EVENTS)
         self._set_numbers(everyone.first + members)
-        self._tally[PART_END], self._tally[DUE] = NEVER, 1
-        self._tally[SPACING] = spacing_of(shared.histories.options.functions.invariants_every)
+        self._counters[PART_END], self._counters[DUE] = NEVER, 1
+        self._counters[SPACING] = spacing_of(shared.histories.options.functions.invariants_every)
         self._p = self._params(layout, everyone, members)
         u, v = (np.ascontiguousarray(x[members].T) for x in (everyone.u0, everyone.v0))
         v *= self._unit
@@ -91,7 +91,7 @@ class LaneState:
         return p
 
     def _first_evaluation(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Evaluate rhs at the start, on arrays between cells of NaN. An entry that rhs does not write stays NaN.
+        """Evaluate rhs at the start, on arrays between guard values. An entry that rhs does not write stays NaN.
 
         Raises
         ------
@@ -134,7 +134,7 @@ class LaneState:
     @property
     def n_rhs(self) -> int:
         """Number of evaluations of rhs for each member, including the evaluation at the start."""
-        return 1 + int(self._tally[EVALUATIONS])
+        return 1 + int(self._counters[EVALUATIONS])
 
     def advance(self, target: int, every: int, stop: Cancel) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Advance to a step index, or less far if `stop` is set.
@@ -159,7 +159,7 @@ class LaneState:
             steps, *begun = self._slices.begin(target - self.index)
             written = self.index // every - first // every
             given = Steps(h, t0, self._p, self.index, steps, every, written, u, v)
-            self._kernel(self._callbacks, self._state, self._settings, self._tally, given, self._look)
+            self._kernel(self._callbacks, self._state, self._settings, self._counters, given, self._look)
             self.seconds += self._slices.end(steps, *begun)
             self.index += steps
             if stop.is_set():
@@ -201,11 +201,11 @@ class LaneState:
 
     def save(self) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Return a copy of the states, for `restore`."""
-        return self.index, self._state.copy(), self._tally.copy(), self.observer.numbers.copy()
+        return self.index, self._state.copy(), self._counters.copy(), self.observer.numbers.copy()
 
     def restore(self, saved: tuple[int, np.ndarray, np.ndarray, np.ndarray]) -> None:
         """Go back to states that `save` has returned."""
-        self.index, self._state[:], self._tally[:], self.observer.numbers[:] = saved
+        self.index, self._state[:], self._counters[:], self.observer.numbers[:] = saved
 
     def repeat(self, model: int, lanes: np.ndarray) -> None:
         """Copy a lane to the lanes of a mask."""

@@ -13,7 +13,7 @@ from ..functions.layout import bound_layout
 from ..functions.quantities import Quantity
 from ..kernels.adaptive_lanes import adaptive_kernel, compile_event
 from ..kernels.compile.numba_internals import gist, options_of
-from ..kernels.constraint_lanes import Straight, compile_constrained, compile_keeping
+from ..kernels.constraint_lanes import UnrolledConstraints, compile_constrained, compile_keeping
 from ..kernels.lane_stops import stops_kernel
 from ..kernels.lanes import Lanes, Layout, compile_caught, compile_quantity, compile_rhs, compile_watched
 from ..kernels.loops.fixed import wide_kernel
@@ -97,7 +97,7 @@ class Setup:
     single : Singles
     kernel : callable
     rhs : Lanes
-    leap, project : Lanes or None
+    constrained_step, project : Lanes or None
         The function that enforces the constraints, if any: a step of EIG-3, or the projection after each step.
     quantities : dict of str to (Quantity, Lanes)
         The invariants and the outputs.
@@ -116,7 +116,7 @@ class Setup:
     single: Singles
     kernel: Callable
     rhs: Lanes
-    leap: Lanes | None
+    constrained_step: Lanes | None
     project: Lanes | None
     quantities: dict[str, tuple[Quantity, Lanes]]
     events: list[Lanes]
@@ -135,17 +135,17 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
         A note for the user, or an empty string.
     """
     members, options, method = histories.members, histories.options, histories.options.method
-    straight, obstacle = _straight_of(rhs, members)
+    unrolled, obstacle = _unrolled_of(rhs, members)
     invariants, outputs = options.functions.quantities(members.form)
     followed = {**invariants, **outputs}
     if options.has_tolerances:
-        layout = _layout(members, ADAPTIVE_LANES, True) if _pays(members, straight) else None
+        layout = _layout(members, ADAPTIVE_LANES, True) if _pays(members, unrolled) else None
         obstacle = obstacle or _FOLLOWED * (options.save_every is not None or bool(followed))
     else:
         method = method.for_force(callback.reads_velocity, members.n)
-        method = method.with_constraints() if straight else method
+        method = method.with_constraints() if unrolled else method
         rows = len(options.events) + sum(_ROWS_FOLLOWED * quantity.width for quantity in followed.values())
-        layout = layout_of(members, method, rows + (straight.room + members.n if straight else 0), threads)
+        layout = layout_of(members, method, rows + (unrolled.room + members.n if unrolled else 0), threads)
         obstacle = _AT_TIMES if options.t_eval is not None else obstacle
     if obstacle and (layout or not options.has_tolerances):
         return None, f"The members run one at a time, because {obstacle}"
@@ -153,7 +153,7 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
         return None, ""
     prepared = single.prepared(0)
     try:
-        functions = _compiled(rhs, callback, layout, method, options, straight, followed)
+        functions = _compiled(rhs, callback, layout, method, options, unrolled, followed)
     except Exception as error:
         return None, (
             f"The members run one at a time, because a function does not compile for lanes: {gist(error)}; write "
@@ -169,18 +169,18 @@ def _compiled(
     layout: Layout,
     method: Method,
     options: RunOptions,
-    straight: Straight | None,
+    unrolled: UnrolledConstraints | None,
     followed: dict[str, Quantity],
 ) -> dict[str, Any]:
     """Compile the functions of a `Setup`."""
     is_adaptive, events = layout.has_own_times, options.events.values()
-    only_ends = bool(events) and not (is_adaptive or followed or straight)
+    only_ends = bool(events) and not (is_adaptive or followed or unrolled)
     only_ends = only_ends and all(event.terminal and event.apply is None for event in events)
-    has_leap = bool(method.second) and not is_adaptive
+    has_constrained_step = bool(method.second) and not is_adaptive
     given, keeping = (rhs, callback, layout), None
-    if straight:
-        in_blocks = _lanes_of(*given, compile_constrained, of=straight)
-        keeping = _lanes_of(*given, compile_keeping, has_leap, of=straight)
+    if unrolled:
+        in_blocks = _lanes_of(*given, compile_constrained, of=unrolled)
+        keeping = _lanes_of(*given, compile_keeping, has_constrained_step, of=unrolled)
     else:
         in_blocks = _lanes_of(*given, compile_rhs)
     quantities = {}
@@ -192,18 +192,18 @@ def _compiled(
         g = Quantity(f"events[{name!r}].g", event.g, form=layout.form)
         looking = (compile_event,) if is_adaptive else (compile_watched, int(event.direction), only_ends)
         looks.append(_lanes_of(g.function, g.callback, layout, *looking))
-    leap, project = (keeping, None) if has_leap else (None, keeping)
+    constrained_step, project = (keeping, None) if has_constrained_step else (None, keeping)
     if is_adaptive:
         searches = SEARCHES if looks or options.t_eval is not None else 0
         kernel = adaptive_kernel(method.variable, layout.form, layout.n, layout.lanes, searches)
     else:
         kernel = wide_kernel(method.formulas, FOLLOWS if quantities or looks or project else 0, method.second)
     stops = (stops_kernel(method.formulas, options.method.order, layout.form), compile_caught()) if only_ends else None
-    functions = {"kernel": kernel, "rhs": in_blocks, "leap": leap, "project": project}
+    functions = {"kernel": kernel, "rhs": in_blocks, "constrained_step": constrained_step, "project": project}
     return {**functions, "quantities": quantities, "events": looks, "stops": stops}
 
 
-def _straight_of(rhs: Any, members: Members) -> tuple[Straight | None, str]:
+def _unrolled_of(rhs: Any, members: Members) -> tuple[UnrolledConstraints | None, str]:
     """Return the constraints of a scene for lanes, if any, or the reason why the members run one at a time."""
     layout = bound_layout(rhs)
     if layout and members.has_own_params and members.n <= MOST_DEGREES and any(kind.ndim < 0 for kind in layout.kinds):
@@ -211,16 +211,16 @@ def _straight_of(rhs: Any, members: Members) -> tuple[Straight | None, str]:
     constraints = constraints_of(rhs)
     if constraints is None:
         return None, ""
-    if constraints.straight is None:
+    if constraints.unrolled is None:
         return None, _MANY_CONSTRAINTS
-    if not constraints.straight.are_those_of(members.params):
+    if not constraints.unrolled.are_those_of(members.params):
         return None, _OTHER_CONSTRAINTS
-    return constraints.straight, ""
+    return constraints.unrolled, ""
 
 
-def _pays(members: Members, straight: Straight | None) -> bool:
+def _pays(members: Members, unrolled: UnrolledConstraints | None) -> bool:
     """Whether lanes pay for members with tolerances. They do not read most of the parameters of constraints."""
-    has_many = members.has_own_params and members.params.shape[1] > _MOST_PARAMS and straight is None
+    has_many = members.has_own_params and members.params.shape[1] > _MOST_PARAMS and unrolled is None
     return members.n <= _MOST_ADAPTIVE and not has_many and len(members) >= FEWEST_MEMBERS
 
 

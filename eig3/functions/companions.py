@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ..kernels.constraint_lanes import Straight
+from ..kernels.constraint_lanes import UnrolledConstraints
 
 
 class History(NamedTuple):
@@ -32,18 +32,18 @@ class Constraints(NamedTuple):
     ----------
     project : jitted function
         A function of (t, u, v, p) that projects u and v onto the constraints, and returns a number.
-    leap : jitted function
+    constrained_step : jitted function
         A step of EIG-3 by accelerations without reactions: see `eig3.kernels.constraints.hold`.
     place : int
         The place of their table in p.
-    straight : Straight or None
+    unrolled : UnrolledConstraints or None
         The constraints for the lanes of an ensemble; None if there are many.
     """
 
     project: Any
-    leap: Any
+    constrained_step: Any
     place: int
-    straight: Straight | None = None
+    unrolled: UnrolledConstraints | None = None
 
 
 def constraints_of(rhs: Any) -> Constraints | None:

@@ -1,7 +1,7 @@
-"""Arrays between guard cells, to detect a right-hand side that reads or writes out of bounds.
+"""Arrays between guard values, to detect a right-hand side that reads or writes out of bounds.
 
-Numba does not check indices. Each array therefore has cells with the value NaN before and after it. Reading a cell
-makes the result NaN; writing to a cell is detected after the evaluation.
+Numba does not check indices. Each array therefore has guard values before and after it, which are NaN. If rhs reads a
+guard value, the result is NaN; if rhs writes to a guard value, this is detected after the evaluation.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..kernels.loops.evaluation import guarded_kernel
 from ..kernels.protocol import SCALAR, Form
 from .callbacks import Callback
 
-CELLS = 64  #: number of cells on each side of an array
+GUARD_VALUES = 64  #: number of guard values on each side of an array
 _DESCRIBED = {"p": "params", "u": "u0", "v": "v0"}
 
 
@@ -27,26 +27,26 @@ class ReadsBeyondError(NotFiniteAtStartError):
     """The right-hand side is not finite at the start, because it reads beyond the end of an array."""
 
 
-def guarded(values: np.ndarray, cells: float = np.nan, count: int = CELLS) -> np.ndarray:
-    """Return a copy of a 1-D array, with `count` cells of the given value before and after it in memory."""
+def guarded(values: np.ndarray, guards: float = np.nan, count: int = GUARD_VALUES) -> np.ndarray:
+    """Return a copy of a 1-D array, with `count` guard values before and after it in memory."""
     buffer = np.empty(values.size + 2 * count)
-    buffer.fill(cells)  # np.full takes four times as long for so few values
+    buffer.fill(guards)  # np.full takes four times as long for so few values
     inside = buffer[count : count + values.size]
     inside[:] = values
     return inside
 
 
 def beyond(inside: np.ndarray) -> bool:
-    """Return whether a function has written to the cells around an array from `guarded`."""
-    cells = inside.base
-    assert cells is not None
-    count = (cells.size - inside.size) // 2
-    return not (are_untouched(cells[:count]) and are_untouched(cells[-count:]))
+    """Return whether a function has written to the guard values around an array from `guarded`."""
+    guards = inside.base
+    assert guards is not None
+    count = (guards.size - inside.size) // 2
+    return not (are_untouched(guards[:count]) and are_untouched(guards[-count:]))
 
 
-def are_untouched(cells: np.ndarray) -> bool:
-    """Return whether guard cells are still NaN."""
-    return bool(np.isnan(cells).all())
+def are_untouched(guards: np.ndarray) -> bool:
+    """Return whether guard values are still NaN."""
+    return bool(np.isnan(guards).all())
 
 
 #: The largest |u|, |v| and |a| of a state, or of the state in each lane.
@@ -66,11 +66,11 @@ def evaluation(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarra
     if form is SCALAR:
         a = rhs.call(t, u, v, p)
         return a, (abs(u), abs(v), abs(a))
-    cells = np.empty((3, u.size + 2 * CELLS))
-    u_size, v_size, a_size, is_within = guarded_kernel()(rhs.address, t, u, v, p, cells)
+    guards = np.empty((3, u.size + 2 * GUARD_VALUES))
+    u_size, v_size, a_size, is_within = guarded_kernel()(rhs.address, t, u, v, p, guards)
     if not is_within:
         raise written_beyond(u.size)
-    return cells[0, CELLS:-CELLS], (u_size, v_size, a_size)
+    return guards[0, GUARD_VALUES:-GUARD_VALUES], (u_size, v_size, a_size)
 
 
 def not_finite(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray, a: Any) -> NotFiniteAtStartError:
@@ -102,10 +102,12 @@ def _not_finite(a: Any) -> str:
     return f"rhs gives {values[bad]} for degree of freedom {bad} at the start"
 
 
-def _evaluate(rhs: Callback, form: Form, t: float, given: dict[str, Any], cells: dict[str, float] | None = None) -> Any:
+def _evaluate(
+    rhs: Callback, form: Form, t: float, given: dict[str, Any], guards: dict[str, float] | None = None
+) -> Any:
     if form is SCALAR:
         return rhs.call(t, given["u"], given["v"], given["p"])
-    u, v = (guarded(given[name], (cells or {}).get(name, np.nan)) for name in "uv")
+    u, v = (guarded(given[name], (guards or {}).get(name, np.nan)) for name in "uv")
     a = guarded(np.full(u.size, np.nan))
     rhs.call(t, u, v, given["p"], a)
     if beyond(a):
@@ -121,17 +123,17 @@ def written_beyond(n: int) -> ValueError:
 def _read_beyond(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> list[str]:
     """Return the names of the arrays beyond which rhs reads.
 
-    For such an array, the result is finite if the cells of all arrays are zero, but not if the cells of this array are
-    NaN.
+    For such an array, the result is finite if the guard values of all arrays are zero, but not if the guard values of
+    this array are NaN.
     """
     names = ["p"] if form is SCALAR else ["p", "u", "v"]
     given = {"p": p, "u": u, "v": v}
 
     def is_finite(zeroed: list[str]) -> bool:
-        cells = dict.fromkeys(zeroed, 0.0)
-        filled = {**given, "p": guarded(p, cells.get("p", np.nan))}
+        guards = dict.fromkeys(zeroed, 0.0)
+        filled = {**given, "p": guarded(p, guards.get("p", np.nan))}
         try:
-            return bool(np.isfinite(_evaluate(rhs, form, t, filled, cells)).all())
+            return bool(np.isfinite(_evaluate(rhs, form, t, filled, guards)).all())
         except Exception:
             return False
 

@@ -212,7 +212,7 @@ class Run:
                 continue
             most *= growth or 1
             if self.times is not None:
-                history.row = int(stepper.tally[NEXT])
+                history.row = int(stepper.counters[NEXT])
             self._judge(first)
             stepper = self.stepper
             if stepper.look:
@@ -270,7 +270,7 @@ class Run:
         elif self.times is None or self.times[0] == stepper.t0:
             self._write_present(0.0)
             if self.times is not None:
-                stepper.tally[NEXT] = 1
+                stepper.counters[NEXT] = 1
         if self.place:
             try:
                 self._keep()  # the first record
@@ -481,12 +481,12 @@ def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[
 
     It has these fields, and the fields of each kind of run; `later` computes fields when they are read.
     """
-    system, tally = stepper.system, stepper.tally
+    system, counters = stepper.system, stepper.counters
     fields = {
         "n_steps": stepper.index,
-        "n_rhs": 1 + int(tally.item(EVALUATIONS)),
-        "n_iterations": int(tally.item(ITERATIONS)),
-        "n_invariants": stepper.look.n_invariants(stepper.index, tally) if stepper.look else 0,
+        "n_rhs": 1 + int(counters.item(EVALUATIONS)),
+        "n_iterations": int(counters.item(ITERATIONS)),
+        "n_invariants": stepper.look.n_invariants(stepper.index, counters) if stepper.look else 0,
         "status": Status.COMPLETED,
         "message": COMPLETED,
         "kernel_seconds": stepper.seconds,

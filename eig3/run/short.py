@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..functions.guard import CELLS
+from ..functions.guard import GUARD_VALUES
 from ..kernels.loops.evaluation import guarded_kernel
 from ..kernels.protocol import AT_END, BEFORE_END, GOING, NEXT, REJECTED, SCALAR, STEP_BEFORE, TERMINAL, TIME
 from ..result.solution import Solution
@@ -50,7 +50,7 @@ def at_once(
     kind, given
         ``kind.ended(stepper, *given, rows, outputs)`` returns the run at its end.
     """
-    is_fixed, look, tally, state = isinstance(stepper, Stepper), stepper.look, stepper.tally, stepper.state
+    is_fixed, look, counters, state = isinstance(stepper, Stepper), stepper.look, stepper.counters, stepper.state
     u, v = np.empty((count, stepper.n)), np.empty((count, stepper.n))
     t, h = (_NONE, _NONE) if is_fixed else (np.empty(count), np.empty(count))
     row = 1 if times is None or times[0] == stepper.t0 else 0
@@ -63,28 +63,28 @@ def at_once(
         outputs = _rows_of_outputs(stepper, count, row)
         if times is not None:
             look.save_wanted({"u": u, "v": v} if is_fixed else {"u": u, "v": v, "steps": h}, stepper.n)
-            tally[NEXT], rows = row, (t[:0], h[:0], u[:0], v[:0])
+            counters[NEXT], rows = row, (t[:0], h[:0], u[:0], v[:0])
         arguments = look.arguments
     kernel, steps = stepper.kernel, stepper.steps(most, every, row, rows)
     begin = time.perf_counter()
-    taken, row, ended = kernel.call(kernel.callbacks, state, kernel.settings, tally, steps, arguments)
+    taken, row, ended = kernel.call(kernel.callbacks, state, kernel.settings, counters, steps, arguments)
     if ended == BEFORE_END:
         stepper.index = taken
         if look:
-            look.collect(tally)
+            look.collect(counters)
         stepper.shorten(row)
         steps = stepper.steps(most - taken, every, row, rows)
-        taken, row, ended = kernel.call(kernel.callbacks, state, kernel.settings, tally, steps, arguments)
+        taken, row, ended = kernel.call(kernel.callbacks, state, kernel.settings, counters, steps, arguments)
     stepper.seconds += time.perf_counter() - begin
     stepper.index, stepper.ended = stepper.index + taken, ended
     if look:
-        look.collect(tally)
+        look.collect(counters)
     if not _is_well(stepper, is_fixed, most):
         return None
     is_over = stepper.ended == TERMINAL
     if times is not None:
         written, end = stepper.n_wanted, stepper.t if is_over else t_end
-        look.finish(tally, stepper.t0, end, stepper.h, stepper.u, stepper.v)
+        look.finish(counters, stepper.t0, end, stepper.h, stepper.u, stepper.v)
         row = stepper.n_wanted
         if outputs and written < row:  # `finish` has written states without outputs
             return None
@@ -104,8 +104,8 @@ def at_once(
     if is_fixed:
         fields["h"] = stepper.h
     else:
-        fields["h"] = (tally.item(TIME) - stepper.t0) / max(1, stepper.index)
-        fields["n_rejected"] = int(tally[REJECTED])
+        fields["h"] = (counters.item(TIME) - stepper.t0) / max(1, stepper.index)
+        fields["n_rejected"] = int(counters[REJECTED])
         fields["_between"] = stepper.states_between if every == 1 else None
     if "t" not in saved:
         later["t"] = partial(grid, stepper.t0, stepper.h, every, row, stepper.index, stepper.t if is_over else t_end)
@@ -142,7 +142,7 @@ def _is_well(stepper: Any, is_fixed: bool, most: int) -> bool:
     Checks are needed if the motion is not finite or has grown much with a fixed step, or if rhs does not write an entry
     of a.
     """
-    state, tally = stepper.state, stepper.tally
+    state, counters = stepper.state, stepper.counters
     if stepper.ended not in (GOING if is_fixed else AT_END, TERMINAL):
         return False
     if stepper.index:
@@ -152,9 +152,9 @@ def _is_well(stepper: Any, is_fixed: bool, most: int) -> bool:
     if stepper.form is SCALAR:
         u, v = abs(state.item(0)), abs(state.item(1))
     else:
-        t = stepper.t0 + (stepper.index - 1) * stepper.h if is_fixed else float(tally[TIME] - tally[STEP_BEFORE])
+        t = stepper.t0 + (stepper.index - 1) * stepper.h if is_fixed else float(counters[TIME] - counters[STEP_BEFORE])
         # As in `evaluation`, without its Python call.
-        room = np.empty((3, stepper.n + 2 * CELLS))
+        room = np.empty((3, stepper.n + 2 * GUARD_VALUES))
         u, v, a, _ = guarded_kernel()(stepper.system.callback.address, t, state[0], state[1], stepper.params, room)
         if a == math.inf:
             return False

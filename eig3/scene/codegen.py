@@ -28,7 +28,7 @@ from ..functions.families import Family
 from ..kernels.compile.jit import with_symbol
 from ..kernels.compile.numba_internals import WITHOUT_C_WRAPPER
 from ..kernels.compile.source import define
-from ..kernels.constraint_lanes import Straight
+from ..kernels.constraint_lanes import UnrolledConstraints
 from ..kernels.constraints import FUNCTION_OF_SCENE
 from ..kernels.neighbours import bounds, memory
 from ..kernels.protocol import index
@@ -170,7 +170,7 @@ class _Functions(Text):
         assert self._constraints
         return self._constraints.place
 
-    def unrolled(self, functions: dict[str, Any]) -> Straight | None:
+    def unrolled(self, functions: dict[str, Any]) -> UnrolledConstraints | None:
         """Return few constraints as lines for lanes, and register the function of the reactions for lanes."""
         text = self._constraints and self._constraints.unrolled
         if not text:

@@ -35,7 +35,7 @@ class ConstraintText(Text):
         # the place in p of the table index of each row, in the order in which the rows were added
         self._order = source.add(np.argsort(packed.order))
         self.unrolled = UnrolledText(system.table, packed, self.place) if is_few(assembly) else None
-        used = ["areas", "STAND", "CONSTRAIN", "REACT", "PROJECT", "LEAP", "strike"]
+        used = ["areas", "STAND", "CONSTRAIN", "REACT", "PROJECT", "CONSTRAINED_STEP", "strike"]
         used += ["own_address", "PLACE", "sum_up"] * bool(self._laws)
         source.functions |= {"memory": neighbours.memory, "hold": constraints.LIBRARY[system.table.dimension]}
         source.functions |= {name: getattr(constraints, name) for name in used}
@@ -58,7 +58,7 @@ class ConstraintText(Text):
         with self._function("constrained_step(t, h, u, v, drift, p)"):
             self._line(areas, "forces(t, u, v, p, c.forces[:len(u)])")
             self._effort("c.forces", self._hold("REACT", "u, v, c.forces"))
-            self._line(self._hold("LEAP", "u, v, drift", "h"))
+            self._line(self._hold("CONSTRAINED_STEP", "u, v, drift", "h"))
         with self._function("reactions(t, u, v, p, out)"):
             self._line(areas, "forces(t, memory(u), memory(v), p, c.forces[:len(u)])")
             self._line(self._hold("REACT", "memory(u), memory(v), c.forces"))

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from ..kernels.constraint_lanes import CONVERGED, LOST, Straight
+from ..kernels.constraint_lanes import CONVERGED, LOST, UnrolledConstraints
 from ..kernels.constraints import CLOSE, EPS, LENGTH, SINGULAR
 from .assembly import Assembly
 
@@ -47,9 +47,9 @@ class UnrolledText:
         self._numbers = {place: f"r[{k + 1}]" for k, place in enumerate(places)}
         self._read: dict[str, str] = {}  # the names of the entries of u and p that were read
 
-    def unrolled(self, forces: Any) -> Straight:
+    def unrolled(self, forces: Any) -> UnrolledConstraints:
         """Return the lines, for a function of the accelerations without constraints."""
-        return Straight(
+        return UnrolledConstraints(
             forces=forces,
             react=self._text(self._constrain),
             stand=self._text(self._stand),

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..functions.guard import CELLS
+from ..functions.guard import GUARD_VALUES
 from ..functions.quantities import Functions, Quantity
 from ..kernels.protocol import PARTS, Form, Within
 
@@ -14,7 +14,7 @@ _OFF_PERIOD = (math.sqrt(5) - 1) / 2  # an irrational number, and one that no fr
 
 
 def spacing_of(every: int) -> float:
-    """Return the entry `SPACING` of a tally for invariants that are evaluated after about every so many steps."""
+    """Return the entry `SPACING` of the counters for invariants that are evaluated after about every so many steps."""
     return 1.0 if every == 1 else every + _OFF_PERIOD
 
 
@@ -60,12 +60,12 @@ class Followed:
             self.work[k] = -1 if work is None else work
         self.writing = [k for k, quantity in enumerate(self.quantities) if quantity.shape]
         self.table = np.zeros((len(self.quantities), 6), dtype=np.int64)
-        self.columns, size = 0, CELLS
+        self.columns, size = 0, GUARD_VALUES
         for k, quantity in enumerate(self.quantities):
             width = quantity.width if quantity.shape else 0
             self.table[k] = quantity.callback.address, width, self.columns, size, 0, self.work[k]
             self.columns += quantity.width
-            size += quantity.width + CELLS
+            size += quantity.width + GUARD_VALUES
         self._out_size = size
         self._places: dict[int, tuple[int, list[tuple[int, int, tuple[int, ...]]]]] = {}
         self._idle: dict[int, tuple[np.ndarray, list[np.ndarray]]] = {}

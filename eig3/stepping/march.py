@@ -117,14 +117,14 @@ class March:
         if not math.isfinite(self.first_sizes[2]):
             raise not_finite(system.callback, self.form, t0, u, v, params, a)
         self.first_acceleration = a
-        self.tally = np.zeros(system.tally_size)
-        self.tally[TIME] = t0
+        self.counters = np.zeros(system.counters_size)
+        self.counters[TIME] = t0
         self._use(system.kernels.get(n) or self._compiled(system.method))
         if system.ignores_velocity and system.callback.reads_velocity:
             self._check_velocity(a)
         self.look = Observer(system, times, n, self._work_rows()) if system.looks else None
         if self.look:
-            self.look.begin(self.tally, t0, u, v, params)
+            self.look.begin(self.counters, t0, u, v, params)
         return a
 
     def _check_velocity(self, a: Any) -> None:
@@ -163,7 +163,7 @@ class March:
     @property
     def n_rhs(self) -> int:
         """Number of evaluations of the right-hand side, including the evaluation at the start."""
-        return 1 + int(self.tally[EVALUATIONS])
+        return 1 + int(self.counters[EVALUATIONS])
 
     @property
     def is_over(self) -> bool:
@@ -173,17 +173,17 @@ class March:
     @property
     def ended_by(self) -> str:
         """The name of the event that ended the run."""
-        return list(self.system.events)[int(self.tally[ENDED_BY])]
+        return list(self.system.events)[int(self.counters[ENDED_BY])]
 
     @property
     def is_within_log(self) -> bool:
         """Whether a call of the kernel ended within a step because the log was full: u and v are then not valid."""
-        return bool(self.tally[WITHIN] == 1)
+        return bool(self.counters[WITHIN] == 1)
 
     @property
     def n_wanted(self) -> int:
         """The number of times of t_eval whose states are written."""
-        return int(self.tally[NEXT])
+        return int(self.counters[NEXT])
 
     @property
     def is_finite(self) -> bool:
@@ -246,21 +246,21 @@ class March:
                     kernel.callbacks,
                     self.state,
                     kernel.settings,
-                    self.tally,
+                    self.counters,
                     self.steps(steps, every, row, rows),
                     arguments,
                 )
                 if ended in (NOT_A_NUMBER, NOT_FINITE):
                     self.ended = ended
-                    raise not_a_number(self, float(self.tally[TIME]))
+                    raise not_a_number(self, float(self.counters[TIME]))
             except BaseException:
                 self.raised_before = self.index + steps
                 self.restore(self._before)
                 raise
             self.seconds += slices.end(taken, *begun)
             self.index += taken
-            if self.look and self.tally[LOGGED]:
-                self.look.collect(self.tally)
+            if self.look and self.counters[LOGGED]:
+                self.look.collect(self.counters)
             if ended != GOING:
                 if ended == FULL and self._has_room(row, rows):
                     continue
@@ -304,7 +304,7 @@ class March:
             other = object.__new__(type(self))
             vars(other).update(vars(self))
             other._lock = threading.Lock()
-            other.state, other.tally = aligned(self.state.shape), self.tally.copy()
+            other.state, other.counters = aligned(self.state.shape), self.counters.copy()
             other.params = guarded(self.params)  # a scene stores neighbour lists in them
             other.state[...] = self.state
             other._slices = self._slices and self._slices.copy()
@@ -330,7 +330,7 @@ class March:
             "changed_at": self.changed_at,
             "seconds": self.seconds,
             "state": self.state[: self._carried].copy(),
-            "tally": self.tally.copy(),
+            "counters": self.counters.copy(),
             "numbers": look.numbers.copy() if look else None,
             "n_found": look.n_found if look else 0,
             "remembered": self.params.copy() if remembers else None,
@@ -342,7 +342,7 @@ class March:
         if (changed_at is None) != (self.changed_at is None):
             self._use(self._compiled(self.method if changed_at is None else self._fallback()))
         self.index, self.changed_at, self.ended = kept["index"], changed_at, GOING
-        self.state[: self._carried], self.tally[...] = kept["state"], kept["tally"]
+        self.state[: self._carried], self.counters[...] = kept["state"], kept["counters"]
         if self.look:
             self.look.numbers[...] = kept["numbers"]
             self.look.forget_from(kept["n_found"])
@@ -358,14 +358,14 @@ class March:
             If `kept` belongs to a different march.
         """
         changed_at = None if kept["changed_at"] is None else float(kept["changed_at"])
-        state, tally = (reals(kept[name], name) for name in ("state", "tally"))
-        if state.shape != (self._carried, self.n) or tally.shape != self.tally.shape:
+        state, counters = (reals(kept[name], name) for name in ("state", "counters"))
+        if state.shape != (self._carried, self.n) or counters.shape != self.counters.shape:
             raise ValueError(f"a state of the shape {state.shape} does not belong to {self.method!r}.")
-        counts = tally[[EVALUATIONS, TIME, NEXT]]
-        if not (np.isfinite(counts).all() and tally[EVALUATIONS] >= 0 and tally[NEXT] >= 0):
+        counts = counters[[EVALUATIONS, TIME, NEXT]]
+        if not (np.isfinite(counts).all() and counters[EVALUATIONS] >= 0 and counters[NEXT] >= 0):
             raise ValueError(f"{counts} are not the counts and the time of a run.")
-        tally[[LOGGED, ENDED_BY, WITHIN]] = 0  # indices of arrays of another process
-        checked = {"index": check_index(kept["index"]), "changed_at": changed_at, "state": state, "tally": tally}
+        counters[[LOGGED, ENDED_BY, WITHIN]] = 0  # indices of arrays of another process
+        checked = {"index": check_index(kept["index"]), "changed_at": changed_at, "state": state, "counters": counters}
         if self.look:
             checked["numbers"] = self.look.checked(kept["numbers"])
         self.restore({**kept, **checked, "n_found": 0})

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import reals
 from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
-from ..functions.guard import CELLS, are_untouched, beyond, guarded
+from ..functions.guard import GUARD_VALUES, are_untouched, beyond, guarded
 from ..kernels.loops.zeros import NEAR
 from ..kernels.protocol import (
     COLUMN,
@@ -115,7 +115,7 @@ class Observer:
         follow = Follow(*arrays, len(self.followed.invariants), self.followed.advance, self.followed.project)
         return Look(self.watch, follow, self._within)
 
-    def begin(self, tally: np.ndarray, t0: float, u: Any, v: Any, params: np.ndarray) -> None:
+    def begin(self, counters: np.ndarray, t0: float, u: Any, v: Any, params: np.ndarray) -> None:
         """Observe the start: write the signs of g, clear the last reset, and evaluate the quantities.
 
         Raises
@@ -124,9 +124,9 @@ class Observer:
             If `apply` of an event writes beyond the end of u or v, or if a quantity does not write all of its values,
             or writes beyond them.
         """
-        tally[PART_END] = tally[DUE] = 1
-        tally[SPACING] = spacing_of(self.followed.functions.invariants_every)
-        values = tally[EVENTS:].reshape(-1, EVENT_VALUES)
+        counters[PART_END] = counters[DUE] = 1
+        counters[SPACING] = spacing_of(self.followed.functions.invariants_every)
+        values = counters[EVENTS:].reshape(-1, EVENT_VALUES)
         values[:, 0], values[:, 1], values[:, 2:] = 0.0, -np.inf, 0.0
         for k, (name, (g, apply)) in enumerate(zip(self.system.events, self.system.event_callbacks, strict=True)):
             values[k, 0] = g.call(t0, u, v, params)
@@ -199,23 +199,26 @@ class Observer:
         for k in self.followed.writing:
             quantity, begin = self.followed.quantities[k], int(self.followed.table[k, OUT])
             end = begin + quantity.width
-            if not (are_untouched(self._out[begin - CELLS : begin]) and are_untouched(self._out[end : end + CELLS])):
+            if not (
+                are_untouched(self._out[begin - GUARD_VALUES : begin])
+                and are_untouched(self._out[end : end + GUARD_VALUES])
+            ):
                 raise quantity.written_beyond()
 
-    def collect(self, tally: np.ndarray) -> None:
+    def collect(self, counters: np.ndarray) -> None:
         """Take the occurrences out of the log."""
-        logged = int(tally[LOGGED])
+        logged = int(counters[LOGGED])
         if logged:
             self._found.append(self.watch.log[:logged].copy())
             self.n_found += logged
-            tally[LOGGED] = 0
+            counters[LOGGED] = 0
 
     def forget_from(self, n_found: int) -> None:
         """Discard the occurrences after the first `n_found`."""
         if n_found < self.n_found:
             self._found, self.n_found = [np.concatenate(self._found)[:n_found]], n_found
 
-    def finish(self, tally: np.ndarray, t0: float, t: float, h: float, u: Any, v: Any) -> None:
+    def finish(self, counters: np.ndarray, t0: float, t: float, h: float, u: Any, v: Any) -> None:
         """Write the state at t, the end of the run, at the times of t_eval that differ from t only by round-off.
 
         It is the state before the resets at t, if there are any.
@@ -224,13 +227,13 @@ class Observer:
             return
         near = NEAR * math.ulp(max(abs(t0), abs(t)))
         first, last = self.times.searchsorted([t, t + near])
-        some = slice(min(first, int(tally[NEXT])), last)
+        some = slice(min(first, int(counters[NEXT])), last)
         for block in (found for found in self._found[-1:] if len(found)):
             row = block[min(int(np.searchsorted(block[:, 1], t - near)), len(block) - 1)]  # in order of time
             if row[1] >= t - near:
                 u, v = row[2 : 2 + self._n], row[2 + self._n : 2 + 2 * self._n]
         self.watch.u_rows[some], self.watch.v_rows[some], self.watch.h_rows[some] = u, v, h
-        tally[NEXT] = max(last, int(tally[NEXT]))
+        counters[NEXT] = max(last, int(counters[NEXT]))
 
     def recall(self, events: Mapping[str, Occurrences], counts: Mapping[str, int] | None = None) -> None:
         """Set the occurrences so far to the first occurrences of each event, or to all.
@@ -278,9 +281,9 @@ class Observer:
         """The maximum of |e_n - e_0| of each invariant over the ends of steps and the events; NaN if e became NaN."""
         return {name: self.drift_of(k) for name, k in self.followed.invariants.items()}
 
-    def n_invariants(self, n_steps: int, tally: np.ndarray) -> int:
+    def n_invariants(self, n_steps: int, counters: np.ndarray) -> int:
         """The number of steps of a run after which the invariants were evaluated; 0 if there are none."""
-        return n_invariants(n_steps, float(tally[SPACING])) if self.followed.invariants else 0
+        return n_invariants(n_steps, float(counters[SPACING])) if self.followed.invariants else 0
 
     def drift_of(self, k: int) -> float:
         """The drift of one invariant."""

@@ -150,7 +150,7 @@ class Stepper(March):
     @property
     def t(self) -> float:
         """The current time: t0 + index h, or the time of the event that ended the run."""
-        return float(self.tally[TIME]) if self.is_over else self.t0 + self.index * self.h
+        return float(self.counters[TIME]) if self.is_over else self.t0 + self.index * self.h
 
     @property
     def is_within_step(self) -> bool:
@@ -164,17 +164,17 @@ class Stepper(March):
     @property
     def n_iterations(self) -> int:
         """Number of iterations of an implicit method's solver."""
-        return int(self.tally[ITERATIONS])
+        return int(self.counters[ITERATIONS])
 
     @property
     def residual(self) -> float:
         """The residual of the last failed solve for v; NaN if a value was not finite at its first iteration."""
-        return float(self.tally[RESIDUAL])
+        return float(self.counters[RESIDUAL])
 
     @property
     def failed_degree(self) -> int:
         """The degree of freedom in which the last failed solve found a value that is not finite."""
-        return int(self.tally[DEGREE])
+        return int(self.counters[DEGREE])
 
     @property
     def sizes(self) -> tuple[float, float]:
@@ -291,11 +291,11 @@ _NONE = np.empty(0)
 def _kernel(system: System, method: Method, n: int) -> Kernel:
     """Compile or load the kernel of a method for n degrees of freedom."""
     running = method.for_force(system.callback.reads_velocity, n)
-    if system.leap:
+    if system.constrained_step:
         running = running.with_constraints()
     formulas, form = running.formulas, system.form
     check_workspace(running, n)
-    second, address = running.second, system.leap if running.second else None
+    second, address = running.second, system.constrained_step if running.second else None
     if running.jacobian:
         second, address = "jacobian", check_callback(running.jacobian, "jacobian", form).address
     settings = np.array(running.settings, dtype=np.float64)

@@ -73,14 +73,14 @@ class System:
         The table of events for a kernel; see `eig3.kernels.protocol.Watch`.
     history : list of Callback or None
         The functions of the history of the right-hand side, if it has one.
-    leap : int or None
+    constrained_step : int or None
         The address of the step of EIG-3 with the constraints of the right-hand side, if it has constraints.
     followed : Followed
         The quantities, compiled.
     looks : int
         The observation in kernels: 0, or `FOLLOWS` or `SEARCHES` of `eig3.kernels.protocol`.
-    tally_size : int
-        Number of entries of the tally of a run.
+    counters_size : int
+        Number of entries of the counters of a run.
     pace : dict
         Measured seconds per step, by `Kernel.pace_key`. A system with an observer has a separate dict, because
         quantities take time.
@@ -116,7 +116,9 @@ class System:
         ]
         self.event_table = np.array(table, dtype=np.int64).reshape(len(table), 4)
         self.history = history and [self._check(function, "invariant", form) for function in history]
-        self.leap = constraints and address_of(compiled(constraints.leap, form.leap.args))
+        self.constrained_step = constraints and address_of(
+            compiled(constraints.constrained_step, form.constrained_step.args)
+        )
         project = constraints and self._check(constraints.project, "invariant", form)
         self.followed = Followed(
             self.functions, form, self.history[1].address if self.history else 0, project.address if project else 0
@@ -127,7 +129,7 @@ class System:
         self.looks = SEARCHES if searches else FOLLOWS if self.followed.is_needed else 0
         self.pace = {} if self.looks else self.callback.pace
         self.ignores_velocity = self.method.ignores_velocity
-        self.tally_size = EVENTS + EVENT_VALUES * len(table)
+        self.counters_size = EVENTS + EVENT_VALUES * len(table)
         self.kernels: dict[Any, Kernel] = {}
         self.last_sizes: dict[float | None, tuple[int, int]] = {}
 

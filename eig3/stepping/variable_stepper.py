@@ -78,7 +78,7 @@ class VariableStepper(March):
         t0, self.t_end = t_span
         a = self._begin(system, t0, u, v, params, times)
         self.state[U], self.state[V], self.state[A] = u, v, a
-        self.tally[ERROR], self.tally[STEP] = 1.0, min(tolerances.h_first, tolerances.h_max)
+        self.counters[ERROR], self.counters[STEP] = 1.0, min(tolerances.h_first, tolerances.h_max)
         if self.look:
             self.look.look_within(self.kernel.formulas, tolerances.rtol)
 
@@ -98,12 +98,12 @@ class VariableStepper(March):
     @property
     def t(self) -> float:
         """The time reached."""
-        return float(self.tally[TIME])
+        return float(self.counters[TIME])
 
     @property
     def h(self) -> float:  # type: ignore[override]
         """The length of the last step."""
-        return float(self.tally[STEP_BEFORE])
+        return float(self.counters[STEP_BEFORE])
 
     @property
     def mean_step(self) -> float:
@@ -112,22 +112,22 @@ class VariableStepper(March):
     @property
     def n_rejected(self) -> int:
         """Number of steps that were repeated with a shorter step."""
-        return int(self.tally[REJECTED])
+        return int(self.counters[REJECTED])
 
     @property
     def follows_span(self) -> bool:
         """Whether a run to another end would have taken other steps, not only another last step."""
-        return self.tally[BY_SPAN] != 0
+        return self.counters[BY_SPAN] != 0
 
     @property
     def silence(self) -> tuple[float, float]:
         """The longest step in which no force acted although rhs reads t, or 0, and the time of its end."""
-        return float(self.tally[SILENT_STEP]), float(self.tally[SILENT_END])
+        return float(self.counters[SILENT_STEP]), float(self.counters[SILENT_END])
 
     @property
     def tiny(self) -> np.ndarray:
         """The degrees of freedom that move, but by less than ten times the allowed error of a step."""
-        rtol, largest, sizes = self.tolerances.rtol, self.tally[U_SIZE], self.state[U_MOST]  # zeros with atol
+        rtol, largest, sizes = self.tolerances.rtol, self.counters[U_SIZE], self.state[U_MOST]  # zeros with atol
         tolerance = rtol * least_size(rtol) * largest
         return np.flatnonzero((sizes > _STANDING * largest) & (sizes < 10 * tolerance))
 
@@ -191,7 +191,7 @@ def _kernel(system: System, module: str, n: int) -> Kernel:
         call = inlined(make, (module, literal, looks), form, system.rhs, None, system.followed.quantities)
         callbacks: tuple = ()
     else:
-        call = variable.kernel(module, form, 0 if system.leap else n, looks=looks)
+        call = variable.kernel(module, form, 0 if system.constrained_step else n, looks=looks)
         callbacks = system.callback.address, None
     return Kernel(system.method, formulas, formulas.rows, call, callbacks, _NONE, (module, n, system.inline))
 

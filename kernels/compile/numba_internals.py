@@ -320,20 +320,20 @@ def floats_on_stack(builder: Any, n: int) -> Any:
     return builder.bitcast(memory, ir.DoubleType().as_pointer())
 
 
-class Cell(numba.types.Type):
+class FloatPointer(numba.types.Type):
     """The type of the address of a float, which is used as an array of one value, with any index.
 
-    The code of an array has its size and stride, and what an index below zero means: cells compile in less time.
+    The code of an array has its size and stride, and what an index below zero means: pointers compile in less time.
     """
 
     def __init__(self) -> None:
-        super().__init__("Cell")
+        super().__init__("FloatPointer")
 
 
 class Strip(numba.types.Type):
     """The type of the address of `count` neighbouring numbers, which is used as an array, with an index from zero on.
 
-    It compiles in less time, as a `Cell` does. A function that takes an array of floats gets one if the
+    It compiles in less time, as a `FloatPointer` does. A function that takes an array of floats gets one if the
     count is known.
     """
 
@@ -345,20 +345,20 @@ class Strip(numba.types.Type):
 class Row(numba.types.Type):
     """The type of the address of a row's first float, and of their number n, which is used as an array with an index.
 
-    It compiles in less time, as a `Cell` does. A function that takes an array gets one.
+    It compiles in less time, as a `FloatPointer` does. A function that takes an array gets one.
     """
 
     def __init__(self) -> None:
         super().__init__("Row")
 
 
-_PLAIN = numba.types.Number, numba.types.Boolean, numba.types.Array, numba.types.BaseTuple, Cell, Strip, Row
+_PLAIN = numba.types.Number, numba.types.Boolean, numba.types.Array, numba.types.BaseTuple, FloatPointer, Strip, Row
 
 
-@register_model(Cell)
+@register_model(FloatPointer)
 @register_model(Strip)
 class _PointerModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Cell | Strip) -> None:
+    def __init__(self, manager: Any, kind: FloatPointer | Strip) -> None:
         dtype = kind.dtype if isinstance(kind, Strip) else numba.types.float64
         super().__init__(manager, kind, manager[dtype].get_data_type().as_pointer())
 
@@ -366,7 +366,7 @@ class _PointerModel(models.PrimitiveModel):
 @register_model(Row)
 class _RowModel(models.StructModel):
     def __init__(self, manager: Any, kind: Row) -> None:
-        super().__init__(manager, kind, [("data", Cell()), ("n", numba.types.intp)])
+        super().__init__(manager, kind, [("data", FloatPointer()), ("n", numba.types.intp)])
 
 
 @type_callable(operator.getitem)
@@ -374,7 +374,7 @@ def _type_of_entry(context: Any) -> Callable:
     def typer(values: Any, index: Any) -> Any:
         if isinstance(values, Strip):
             return values.dtype
-        return numba.types.float64 if isinstance(values, Cell | Row) else None
+        return numba.types.float64 if isinstance(values, FloatPointer | Row) else None
 
     return typer
 
@@ -382,7 +382,7 @@ def _type_of_entry(context: Any) -> Callable:
 @type_callable(operator.setitem)
 def _type_of_change(context: Any) -> Callable:
     def typer(values: Any, index: Any, value: Any) -> Any:
-        if isinstance(values, Cell | Row | Strip):
+        if isinstance(values, FloatPointer | Row | Strip):
             dtype = values.dtype if isinstance(values, Strip) else numba.types.float64
             return signature_of(numba.types.none, values, index, dtype)
         return None
@@ -390,12 +390,12 @@ def _type_of_change(context: Any) -> Callable:
     return typer
 
 
-@lower_builtin(operator.getitem, Cell, numba.types.Integer)
+@lower_builtin(operator.getitem, FloatPointer, numba.types.Integer)
 def _entry(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     return builder.load(args[0])
 
 
-@lower_builtin(operator.setitem, Cell, numba.types.Integer, numba.types.float64)
+@lower_builtin(operator.setitem, FloatPointer, numba.types.Integer, numba.types.float64)
 def _change(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     builder.store(args[2], args[0])
     return context.get_dummy_value()

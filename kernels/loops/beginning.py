@@ -41,22 +41,22 @@ _LEAST_SIZE = 1e-3  # of a degree of freedom, relative to the largest size of al
 _ROUND_OFF = 1e5 * EPSILON  # least tolerance, relative to the largest size: forces are differences of large values
 
 
-def begin(address, place, tally, order, state):
+def begin(address, place, counters, order, state):
     """Write the sizes at the start of a run, and choose its first step if there is none.
 
     The right-hand side is at the address `address`, and the span at `place`.
     """
     span, n, y = span_at(place), state.shape[1], rows(state, _ROWS)
     if span.first == 0 and span.is_relative == 1:
-        set_sizes(tally, y, n, span.atol)
-    if tally[STEP] == 0:
-        h = first_step(RHS(address), tally[TIME], n, y, tally, order, span)
-        tally[STEP] = tally[STEP_BEFORE] = h
+        set_sizes(counters, y, n, span.atol)
+    if counters[STEP] == 0:
+        h = first_step(RHS(address), counters[TIME], n, y, counters, order, span)
+        counters[STEP] = counters[STEP_BEFORE] = h
 
 
-def sizes_at_rest(place, tally, t, state):
+def sizes_at_rest(place, counters, t, state):
     """Call `at_rest` for the span at the address `place`, and the rows of a state."""
-    return at_rest(tally, t, state.shape[1], rows(state, _ROWS), span_at(place))
+    return at_rest(counters, t, state.shape[1], rows(state, _ROWS), span_at(place))
 
 
 @element
@@ -66,23 +66,26 @@ def least_size(rtol):
 
 
 @element
-def set_sizes(tally, y, n, atol):
+def set_sizes(counters, y, n, atol):
     """Write the sizes of u and v at the start. Velocities that are all zero get the size sqrt(u a) of vibrations."""
     a_size = 0.0
     for j in range(n):
         if atol[0, j] < math.inf:
             y[U_MOST][j], y[V_MOST][j] = abs(y[U][j]), abs(y[V][j])
-            tally[U_SIZE], tally[V_SIZE] = max(tally[U_SIZE], abs(y[U][j])), max(tally[V_SIZE], abs(y[V][j]))
+            counters[U_SIZE], counters[V_SIZE] = (
+                max(counters[U_SIZE], abs(y[U][j])),
+                max(counters[V_SIZE], abs(y[V][j])),
+            )
             a_size = max(a_size, abs(y[A][j]))
-    if tally[V_SIZE] == 0:
-        tally[V_SIZE] = math.sqrt(tally[U_SIZE] * a_size)
+    if counters[V_SIZE] == 0:
+        counters[V_SIZE] = math.sqrt(counters[U_SIZE] * a_size)
         for j in range(n):
             if atol[0, j] < math.inf:
                 y[V_MOST][j] = math.sqrt(abs(y[U][j]) * abs(y[A][j]))
 
 
 @element
-def at_rest(tally, t, n, y, span):
+def at_rest(counters, t, n, y, span):
     """Return what `least_sizes` returns for a step to t."""
     a_size = 0.0
     for j in range(n):
@@ -90,8 +93,8 @@ def at_rest(tally, t, n, y, span):
             a_size = max(a_size, abs(y[A][j]), abs(y[A_END][j]))
     length = span.t_end - span.t0
     if length < 1.0:
-        tally[BY_SPAN] = 1.0
-    return least_sizes(tally[U_SIZE], tally[V_SIZE], a_size, t, length, span.rtol)
+        counters[BY_SPAN] = 1.0
+    return least_sizes(counters[U_SIZE], counters[V_SIZE], a_size, t, length, span.rtol)
 
 
 @element
@@ -110,7 +113,7 @@ def least_sizes(u_size, v_size, a_size, t, length, rtol):
 
 
 @element
-def first_step(f, t, n, y, tally, order, span):
+def first_step(f, t, n, y, counters, order, span):
     """Return a first step: E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, II.4.
 
     The unit of time does not matter, except for a motion that starts at rest at zero, in a span of more than a unit:
@@ -120,9 +123,9 @@ def first_step(f, t, n, y, tally, order, span):
     u, v, a, u_end, v_end, a_end = y[:6]
     length = span.t_end - t
     least = _FIRST * min(length, 1.0)
-    u_size, v_size = tally[U_SIZE], tally[V_SIZE]
+    u_size, v_size = counters[U_SIZE], counters[V_SIZE]
     if span.is_relative == 1 and (u_size == 0 or v_size == 0):
-        u_size, v_size, _ = at_rest(tally, t, n, y, span)
+        u_size, v_size, _ = at_rest(counters, t, n, y, span)
     size, slope = 0.0, 0.0
     for j in range(n):
         u_scale = span.atol[0, j] + span.rtol * max(abs(u[j]), u_size) + TINY
@@ -133,12 +136,12 @@ def first_step(f, t, n, y, tally, order, span):
     is_short = size < 1e-5 or slope * length < 1e-5
     h = least if is_short else 0.01 * size / slope
     if h >= length or (is_short and (length < 1.0 or size >= 1e-5)):
-        tally[BY_SPAN] = 1.0
+        counters[BY_SPAN] = 1.0
     h = min(h, length)
     for j in range(n):
         u_end[j], v_end[j] = u[j] + h * v[j], v[j] + h * a[j]
     f(t + h, u_end, v_end, span.p, a_end)
-    tally[EVALUATIONS] += 1
+    counters[EVALUATIONS] += 1
     bend = 0.0
     for j in range(n):
         u_scale = span.atol[0, j] + span.rtol * max(abs(u[j]), u_size) + TINY
@@ -148,7 +151,7 @@ def first_step(f, t, n, y, tally, order, span):
     better = h * (0.01 / change) ** (1 / order) if change > 1e-15 else max(least, h * 1e-3)
     h = min(100 * h, better if better > 0 else h, span.h_max)
     if h >= length:
-        tally[BY_SPAN] = 1.0
+        counters[BY_SPAN] = 1.0
     return min(h, length)
 
 

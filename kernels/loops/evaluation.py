@@ -1,5 +1,5 @@
 # ruff: noqa: F821
-"""The kernels that evaluate a function at rows of states, and the right-hand side at one state between guard cells."""
+"""The kernels that evaluate a function at rows of states, and the right-hand side at one state between guard values."""
 
 import functools
 import math
@@ -27,20 +27,20 @@ def returned(f, t, u, v, p, values):
     values[0] = f(t, u, v, p)
 
 
-def guarded(address, t, u, v, p, cells):
-    n, width = len(u), cells.shape[1]
+def guarded(address, t, u, v, p, guards):
+    n, width = len(u), guards.shape[1]
     begin = (width - n) // 2
     for row in range(3):
         for j in range(width):
-            cells[row, j] = math.nan
-    a, u_inside = part_of_row(cells, 0, begin, n), part_of_row(cells, 1, begin, n)
-    v_inside = part_of_row(cells, 2, begin, n)
+            guards[row, j] = math.nan
+    a, u_inside = part_of_row(guards, 0, begin, n), part_of_row(guards, 1, begin, n)
+    v_inside = part_of_row(guards, 2, begin, n)
     for j in range(n):
         u_inside[j], v_inside[j] = u[j], v[j]
     RHS(address)(t, u_inside, v_inside, p, a)
     is_within = True
     for j in range(begin):
-        is_within &= cells[0, j] != cells[0, j] and cells[0, width - 1 - j] != cells[0, width - 1 - j]
+        is_within &= guards[0, j] != guards[0, j] and guards[0, width - 1 - j] != guards[0, width - 1 - j]
     return largest(u), largest(v), largest(a), is_within
 
 
@@ -69,9 +69,9 @@ def rows_kernel(form: Form, kind: str) -> Any:
 def guarded_kernel() -> Any:
     """Compile the kernel of the vector form that evaluates the right-hand side once, or load it from the disk.
 
-    It is called as ``kernel(address, t, u, v, p, cells)`` with a matrix of three rows, which it fills with NaN. In the
+    It is called as ``kernel(address, t, u, v, p, guards)`` with a matrix of three rows, which it fills with NaN. In the
     middle of the rows, the right-hand side gets room for a, and copies of u and v. The kernel returns the largest |u|,
-    |v| and |a|, which are infinite if a value is not finite, and whether the cells around a are still NaN.
+    |v| and |a|, which are infinite if a value is not finite, and whether the guard values around a are still NaN.
     """
     signature = Tuple((*[float64] * 3, boolean))(int64, float64, *[vector_type] * 3, matrix_type)
     return compile_kernel(guarded, {"RHS": function_at(VECTOR.rhs)}, signature, "guarded")

@@ -23,7 +23,7 @@ from .follow import functions, widen
 # 1.2 steps. With rtol up to 1e-3, periods have 3 steps or more; the product of two values has periods of 1.5.
 _BEYOND_THREE = 1.0
 _BEYOND_ALL = 0.75  # the part of the range of the values by which a polynomial of degree 8 at most may go beyond them
-_CELLS = 2  # parts of the step between two points in which the slope of the polynomial is looked at
+_INTERVALS = 2  # parts of the step between two points in which the slope of the polynomial is looked at
 _CLOSE = 1e-9  # error of the place of an extreme of the polynomial, relative to the step
 
 
@@ -135,11 +135,11 @@ def refine(place, k, j, t_end, h, dense, n, p):
         c[i] = 0.0
         for m in range(1, count):
             c[i] += fit[i, m] * (samples[m, j] - samples[0, j])
-    cells = _CELLS * (count - 1)
+    intervals = _INTERVALS * (count - 1)
     right, slope_right = -1.0, slope(c, count, -1.0)
-    for cell in range(1, cells + 1):
+    for interval in range(1, intervals + 1):
         left, slope_left = right, slope_right
-        right = 2 * cell / cells - 1
+        right = 2 * interval / intervals - 1
         slope_right = slope(c, count, right)
         if slope_left * slope_right < 0 or slope_right == 0:
             x = root_of_slope(c, count, left, right, slope_left)

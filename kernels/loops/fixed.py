@@ -4,7 +4,7 @@
 `fixed` is a template: the names in capitals stand for values that depend on the method and on the mode, and `jit.bound`
 inserts them. A kernel that looks for events, and for times at which the state is wanted, is `searching`. Steps in which
 nothing is found run in the loops of `march.py`; the step after which these stop is searched, see `search.py`. One that
-follows quantities is `following`, and one that looks for nothing is `straight`: they have no code for events.
+follows quantities is `following`, and one that looks for nothing is `plain`: they have no code for events.
 
 A state has rows of n values also for one degree of freedom, where they are registers.
 """
@@ -46,7 +46,7 @@ from ..protocol import (
     copy_rows,
     matrix_type,
     rows,
-    stack_cells,
+    stack_floats,
     stack_rows,
     vector_type,
 )
@@ -64,7 +64,7 @@ __all__ = ["STACKED_DEGREES", "inline_kernel", "kernel", "wide_kernel", "work_ro
 STACKED_DEGREES = 6
 
 
-def fixed(callbacks, state, settings, tally, steps, look):
+def fixed(callbacks, state, settings, counters, steps, look):
     """Take steps, and return their number, the next row to write and how it ended.
 
     If STACKED is 1, the rows are on the stack. If IS_CHECKED is 1, scratch begins as NaN: a method that hands more
@@ -72,7 +72,7 @@ def fixed(callbacks, state, settings, tally, steps, look):
     """
     n = int64(N) if N > 0 else state.shape[1]  # not a constant: functions are compiled for each type
     f = RHS(callbacks)
-    c = CONSTANTS(settings, steps.h, Work(tally, state[ROWS:], SECOND(callbacks)))
+    c = CONSTANTS(settings, steps.h, Work(counters, state[ROWS:], SECOND(callbacks)))
     kept = ROWS_OF(state, OWN_ROWS)
     if IS_CHECKED > 0:
         for row in range(CARRIED, OWN_ROWS):
@@ -82,7 +82,7 @@ def fixed(callbacks, state, settings, tally, steps, look):
     if STACKED > 0:
         y = STACK_ROWS(N, OWN_ROWS)
         copy_rows(y, kept, N)
-    y, i, row, ended = ADVANCE(callbacks, f, c, y, n, state[OWN_ROWS:], tally, steps, look)
+    y, i, row, ended = ADVANCE(callbacks, f, c, y, n, state[OWN_ROWS:], counters, steps, look)
     if STACKED > 0:
         copy_rows(kept, y, N)
     else:
@@ -90,77 +90,79 @@ def fixed(callbacks, state, settings, tally, steps, look):
     return i - steps.first, row, ended
 
 
-def straight(callbacks, f, c, y, n, scratch, tally, steps, look):
+def plain(callbacks, f, c, y, n, scratch, counters, steps, look):
     """Take the steps of a run that looks for nothing. A loop over marches would slow down methods that move rows."""
     first, last, row = steps.first, steps.first + steps.count, steps.row
     begin = first
     if START_STEPS > 0:
         begin = max(first, min(last, START_STEPS))
-        y, _, row, _ = MARCH(START_STEP, nothing, f, y, (c, scratch), n, steps, look, tally, None, first, begin, row)
-    y, end, row, found = MARCH(STEP, COMPLETE, f, y, c, n, steps, look, tally, None, begin, last, row)
-    tally[EVALUATIONS] += START_COST * (begin - first) + COST * (end - begin)
+        y, _, row, _ = MARCH(START_STEP, nothing, f, y, (c, scratch), n, steps, look, counters, None, first, begin, row)
+    y, end, row, found = MARCH(STEP, COMPLETE, f, y, c, n, steps, look, counters, None, begin, last, row)
+    counters[EVALUATIONS] += START_COST * (begin - first) + COST * (end - begin)
     return y, end, row, FAILED if found == FAILED else GOING
 
 
-def following(callbacks, f, c, y, n, scratch, tally, steps, look):
+def following(callbacks, f, c, y, n, scratch, counters, steps, look):
     """Take the steps, and follow quantities."""
     i, row, last, found = steps.first, steps.row, steps.first + steps.count, THROUGH
     while i < last and found == THROUGH:
-        there, i, row, found = MARCHES(f, c, y, n, scratch, tally, steps, look, None, i, last, START_STEPS, row)
+        there, i, row, found = MARCHES(f, c, y, n, scratch, counters, steps, look, None, i, last, START_STEPS, row)
         if STACKED == 0:  # see `march`
             y = there
-        end_part(look.follow, tally, i, n, y[1])
+        end_part(look.follow, counters, i, n, y[1])
     return y, i, row, FAILED if found == FAILED else GOING
 
 
-def searching(callbacks, f, c, y, n, scratch, tally, steps, look):
+def searching(callbacks, f, c, y, n, scratch, counters, steps, look):
     """Take the steps, and search those in which something is found."""
     i, row, last, ended = steps.first, steps.row, steps.first + steps.count, GOING
     watch, follow, pair = look.watch, look.follow, rows(look.watch.work[WORK:], PAIR_ROWS)
     place, of_steps = address_of(look), address_of(steps)
     while i < last and ended == GOING:
-        if 2 * int(tally[LOGGED]) > len(watch.log):
+        if 2 * int(counters[LOGGED]) > len(watch.log):
             ended = FULL
             break
-        if tally[WITHIN] == 1:
+        if counters[WITHIN] == 1:
             i, found = i + 1, FOUND
         else:
-            started = int(tally[ANEW]) + START_STEPS
-            there, i, row, found = MARCHES(f, c, y, n, scratch, tally, steps, look, pair, i, last, started, row)
+            started = int(counters[ANEW]) + START_STEPS
+            there, i, row, found = MARCHES(f, c, y, n, scratch, counters, steps, look, pair, i, last, started, row)
             if STACKED == 0:
                 y = there
         if found == FAILED:
             ended = FAILED
         elif found == FOUND:
-            if tally[WITHIN] == 0:
+            if counters[WITHIN] == 0:
                 copy_two(pair[U_END], pair[V_END], y[0], y[1], n)
             before, t = steps.t0 + (i - 1) * steps.h, steps.t0 + i * steps.h
-            outcome = SEARCH(ADDRESS(callbacks), place, tally, steps.t0, before, t, n, steps.p)
+            outcome = SEARCH(ADDRESS(callbacks), place, counters, steps.t0, before, t, n, steps.p)
             end = pair[U_END], pair[V_END], pair[A]
-            row = GO_ON(ADDRESS(callbacks), place, of_steps, tally, outcome, i, row, *end)
+            row = GO_ON(ADDRESS(callbacks), place, of_steps, counters, outcome, i, row, *end)
             if outcome != PASSED:
                 copy_two(y[0], y[1], pair[U_END], pair[V_END], n)
                 START_ANEW(y, steps.h, n, pair[A])
             if outcome > RESET:
                 ended = outcome
                 i -= 1
-        end_part(follow, tally, i, n, y[1])
+        end_part(follow, counters, i, n, y[1])
     return y, i, row, ended
 
 
-def marches(f, c, y, n, scratch, tally, steps, look, pair, first, last, started, row):
+def marches(f, c, y, n, scratch, counters, steps, look, pair, first, last, started, row):
     """Advance the rows `y` from step `first` towards `last`, to the end of a part of the run or of the starter at most.
 
     The starter takes the steps before step `started`. Returns what a march returns.
     """
-    end = min(last, int(tally[PART_END])) if len(look.follow.table) > 0 else last
+    end = min(last, int(counters[PART_END])) if len(look.follow.table) > 0 else last
     if START_STEPS > 0 and first < started:
         with_scratch, end = (c, scratch), min(end, started)
-        y, i, row, found = MARCH(START_STEP, nothing, f, y, with_scratch, n, steps, look, tally, pair, first, end, row)
-        tally[EVALUATIONS] += START_COST * (i - first)
+        y, i, row, found = MARCH(
+            START_STEP, nothing, f, y, with_scratch, n, steps, look, counters, pair, first, end, row
+        )
+        counters[EVALUATIONS] += START_COST * (i - first)
     else:
-        y, i, row, found = MARCH(STEP, COMPLETE, f, y, c, n, steps, look, tally, pair, first, end, row)
-        tally[EVALUATIONS] += COST * (i - first)
+        y, i, row, found = MARCH(STEP, COMPLETE, f, y, c, n, steps, look, counters, pair, first, end, row)
+        counters[EVALUATIONS] += COST * (i - first)
     return y, i, row, found
 
 
@@ -181,7 +183,7 @@ def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: int, seco
 
     The kernel of a method outside this package is found on the disk by its content: its formulas may use other files.
 
-    The kernel is called as ``kernel((rhs, second or None), state, settings, tally, steps, look)``, and returns the
+    The kernel is called as ``kernel((rhs, second or None), state, settings, counters, steps, look)``, and returns the
     number of steps that it took, the next row to write, and how it ended: GOING after all steps, FAILED if a solve
     failed, FULL, or an outcome of an event.
 
@@ -273,7 +275,7 @@ def wide_kernel(method: Formulas, looks: int, second: str = "") -> Any:
 def _compile(
     method: Formulas, order: int, form: Form, callbacks: Any, names: dict[str, Any], looks: int, label: str
 ) -> Any:
-    names["STACK_ROWS"] = stack_cells if form is SCALAR else stack_rows
+    names["STACK_ROWS"] = stack_floats if form is SCALAR else stack_rows
     names = {**method.names(form), **names, "LOOKS": looks}
     names["PROJECT_STEP"] = no_projection if method.keeps_constraints else names["PROJECT"]
     if names["STACKED"]:
@@ -283,7 +285,7 @@ def _compile(
         names |= {**search_names(method, order, form), "IS_QUIET": quiet(form)}
     names["MARCH"] = element(bound(march, names))
     names["MARCHES"] = element(bound(marches, names))
-    advance = {0: straight, FOLLOWS: following, SEARCHES: searching}[looks]
+    advance = {0: plain, FOLLOWS: following, SEARCHES: searching}[looks]
     names["ADVANCE"] = element(bound(advance, names))
     records = STEPS, LOOK if looks else none
     signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, vector_type, *records)

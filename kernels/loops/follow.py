@@ -88,12 +88,12 @@ def acts_at_each(follow):
 
 
 @element
-def first_due(follow, tally, i):
+def first_due(follow, counters, i):
     """Return the first quantity to evaluate after step i: 0, or the number of invariants if these are not due."""
-    if i < tally[DUE]:
+    if i < counters[DUE]:
         return follow.invariants
-    if tally[SPACING] > 1:
-        tally[DUE] = next_due(tally[DUE], tally[SPACING])
+    if counters[SPACING] > 1:
+        counters[DUE] = next_due(counters[DUE], counters[SPACING])
     return 0
 
 
@@ -114,15 +114,15 @@ def widen_one(follow, k, width, part, t, v):
 
 
 @element
-def end_part(follow, tally, i, n, v):
+def end_part(follow, counters, i, n, v):
     """End the current part of the run if step `i` is its last, and begin the next one."""
-    part, end = int(tally[PART]), int(tally[PART_END])
+    part, end = int(counters[PART]), int(counters[PART_END])
     if i < end or len(follow.table) == 0:
         return
     for j in range(n):
         follow.forward[part % PARTS, j] = 1.0 if v[j] > 0 else 0.0
     part += 1
-    tally[PART], tally[PART_END] = part, end + max(1, end // 5)
+    counters[PART], counters[PART_END] = part, end + max(1, end // 5)
     lowest, highest = follow.parts[part % PARTS, LOW], follow.parts[part % PARTS, HIGH]
     for j in range(len(lowest)):
         lowest[j], highest[j] = math.inf, -math.inf

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..compile.jit import bound, element
 from ..compile.source import define
-from ..protocol import SCALAR, VECTOR, Form, cells, rows, stack_cells
+from ..protocol import SCALAR, VECTOR, Form, pointers, rows, stack_floats
 
 METHODS = f"{__package__.rpartition('.')[0]}.methods"  # the package with one file for each method
 
@@ -106,7 +106,7 @@ class Formulas:
             "CONSTANTS": getattr(defined, "constants", no_constants),
             "COMPLETE": getattr(defined, "complete", nothing),
             "STEP": getattr(defined, "step_of_one", defined.step) if form is SCALAR else defined.step,
-            "ROWS_OF": cells if form is SCALAR else rows,
+            "ROWS_OF": pointers if form is SCALAR else rows,
             "ROWS": self.rows,
             "OWN_ROWS": self.own_rows,
             "CARRIED": 2 + self.past,
@@ -128,7 +128,7 @@ class Formulas:
             return brief
         mine = self.names(form)
         theirs = {
-            "SCRATCH_ROWS": stack_cells if form is SCALAR else rows,
+            "SCRATCH_ROWS": stack_floats if form is SCALAR else rows,
             "THEIR_STEP": mine["STEP"],
             "THEIR_CONSTANTS": mine["CONSTANTS"],
             "THEIR_ROWS": self.defined.ROWS,

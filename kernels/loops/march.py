@@ -28,7 +28,7 @@ THROUGH, FOUND = range(2)
 CHECKED = bool(numba.config.BOUNDSCHECK)
 
 
-def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row):
+def march(step, complete, f, y, c, n, steps, look, counters, pair, first, last, row):
     """Advance the rows `y` from step `first` to `last`, or until a step must be searched.
 
     A step may return the rows in another order. Return the last `y`, the step index that was reached, the next row of
@@ -37,16 +37,16 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
     """
     left = steps.every - first % steps.every
     if LOOKS > 0:
-        part = int(tally[PART]) % PARTS
+        part = int(counters[PART]) % PARTS
     if LOOKS > 0 and MAY_BE_ONLY > 0:
         is_only, place = only_quantity(look.follow)
         quantity = QUANTITY(look.follow)
         e, low, high, t_low, t_high = math.nan, math.inf, -math.inf, math.nan, math.nan
     if LOOKS > 0:
-        due, spacing, follow, is_complete = tally[DUE], tally[SPACING], look.follow, True
+        due, spacing, follow, is_complete = counters[DUE], counters[SPACING], look.follow, True
         looks_at_each = LOOKS == SEARCHES or acts_at_each(follow)
     if LOOKS == SEARCHES:
-        wanted = next_time(look.watch, tally)
+        wanted = next_time(look.watch, counters)
     i, t, ended = first, steps.t0 + first * steps.h, THROUGH
     while i < last:
         if LOOKS == SEARCHES:
@@ -70,7 +70,7 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
                 if N > 1 and STACKED > 0:  # rows whose address a function gets cannot be registers
                     u, v = pair[U_END], pair[V_END]
                     copy_two(u, v, y[0], y[1], n)
-                if wanted <= t or not IS_QUIET(look.watch, tally, t, u, v, steps.p):
+                if wanted <= t or not IS_QUIET(look.watch, counters, t, u, v, steps.p):
                     ended = FOUND
                     break
             quantities = follow.invariants
@@ -107,7 +107,7 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
             row += 1
             left = steps.every
     if LOOKS > 0:
-        tally[DUE] = due
+        counters[DUE] = due
         if not is_complete:
             complete(y, c, steps.h, n)
     if LOOKS > 0 and MAY_BE_ONLY > 0 and is_only:
@@ -121,9 +121,9 @@ def march(step, complete, f, y, c, n, steps, look, tally, pair, first, last, row
 
 
 @element
-def next_time(watch, tally):
+def next_time(watch, counters):
     """Return the next time at which the state is wanted."""
-    k = int(tally[NEXT])
+    k = int(counters[NEXT])
     return watch.times[k] if k < len(watch.times) else math.inf
 
 

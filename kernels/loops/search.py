@@ -44,7 +44,7 @@ from .pair import A_END, U_END, V_END, A, U, V
 from .zeros import LATER, searching
 
 
-def go_on(address, place, of_steps, tally, outcome, i, row, u, v, a):
+def go_on(address, place, of_steps, counters, outcome, i, row, u, v, a):
     """Continue from the step to step index i, whose search had an outcome. Return the next row to write.
 
     u and v are the state at the end of the step. If the outcome is not PASSED, a becomes the acceleration there. If the
@@ -53,17 +53,17 @@ def go_on(address, place, of_steps, tally, outcome, i, row, u, v, a):
     steps, follow = steps_at(of_steps), look_at(place).follow
     p, t = steps.p, steps.t0 + i * steps.h
     if outcome != PASSED:
-        t = tally[TIME] if outcome > RESET else t
+        t = counters[TIME] if outcome > RESET else t
         PROJECT(follow, t, u, v, p)
         RHS(address)(t, u, v, p, a)
-        tally[EVALUATIONS] += 1
-        tally[ANEW] = i
-    first = 0 if outcome != PASSED else first_due(follow, tally, i)
+        counters[EVALUATIONS] += 1
+        counters[ANEW] = i
+    first = 0 if outcome != PASSED else first_due(follow, counters, i)
     if outcome <= RESTING:
         EVALUATE(follow, first, t, u, v, p)
         ADVANCE_HISTORY(follow, t, u, v, p)
     if outcome <= RESET:
-        widen_all(follow, first, int(tally[PART]) % PARTS, t, v)
+        widen_all(follow, first, int(counters[PART]) % PARTS, t, v)
         if i % steps.every == 0:
             write(u, v, steps.u_rows.shape[1], steps, row)
             save(follow, row)
@@ -71,7 +71,7 @@ def go_on(address, place, of_steps, tally, outcome, i, row, u, v, a):
     return row
 
 
-def search(address, place, tally, t0, t, t_grid, n, p):
+def search(address, place, counters, t0, t, t_grid, n, p):
     """Search the step from t to `t_grid`, whose two states are in rows of `watch.work`, and return the outcome.
 
     After a reset, the state at the end of the step is the state at `t_grid`, or at the event that ends the run. If the
@@ -83,38 +83,38 @@ def search(address, place, tally, t0, t, t_grid, n, p):
     u, v, a, u_end, v_end = y[U], y[V], y[A], y[U_END], y[V_END]
     (u_there, v_there), coefficients = rows(watch.work, 2), watch.work[2:WORK]
     t_end, reach, result = t_grid, 0.0, PASSED
-    if tally[WITHIN] == 0:
+    if counters[WITHIN] == 0:
         f(t, u, v, p, a)
         STEP_DENSE(f, t, t_grid - t, p, n, y, u_there, v_there, coefficients)
-        tally[EVALUATIONS] += 1 + STEP_DENSE_COST
+        counters[EVALUATIONS] += 1 + STEP_DENSE_COST
     else:
-        t, reach, result = tally[TIME], LATER * tally[GAP], RESET
+        t, reach, result = counters[TIME], LATER * counters[GAP], RESET
         t_end = min(t_grid, t + reach)
         TRIAL(f, t, t_end - t, t_end - t, p, n, y)
         DENSE(f, t, t_end - t, p, n, y, coefficients)
-        tally[WITHIN] = 0
+        counters[WITHIN] = 0
     while True:
         h = t_end - t
-        if int(tally[LOGGED]) + len(watch.events) > len(watch.log):
+        if int(counters[LOGGED]) + len(watch.events) > len(watch.log):
             copy_two(u_end, v_end, u, v, n)
-            tally[TIME], tally[WITHIN] = t, 1
+            counters[TIME], counters[WITHIN] = t, 1
             return FULL
         outcome, _, stop = LOOK_WITHIN(
-            place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
+            place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
         )
         if outcome in (NOT_A_NUMBER, RESTING):
             copy_two(u_end, v_end, u, v, n)
-            tally[TIME] = t
+            counters[TIME] = t
             return outcome
-        while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= stop:
-            WRITE_TIME(place, tally, t, h, t_end, n, coefficients, u_end, v_end, p)
+        while int(counters[NEXT]) < len(watch.times) and watch.times[int(counters[NEXT])] <= stop:
+            WRITE_TIME(place, counters, t, h, t_end, n, coefficients, u_end, v_end, p)
         if outcome > RESET or (outcome == RESET and stop >= t_grid):
             copy_two(u_end, v_end, u_there, v_there, n)
-            tally[TIME] = stop
+            counters[TIME] = stop
             return outcome
         if outcome == RESET:
             copy_two(u, v, u_there, v_there, n)
-            result, reach = RESET, tally[GAP]
+            result, reach = RESET, counters[GAP]
         elif t_end == t_grid:
             return result
         else:
@@ -124,7 +124,7 @@ def search(address, place, tally, t0, t, t_grid, n, p):
         t_end = min(t_grid, t + reach)
         TRIAL(f, t, t_end - t, t_end - t, p, n, y)
         DENSE(f, t, t_end - t, p, n, y, coefficients)
-        tally[EVALUATIONS] += PAIR_COST
+        counters[EVALUATIONS] += PAIR_COST
 
 
 def quintic_of_step(f, t, h, p, n, y, u_there, v_there, coefficients):

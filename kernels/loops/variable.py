@@ -70,15 +70,15 @@ __all__ = ["inline_kernel", "kernel", "least_size"]
 _SILENCE = 0.02  # longest step while nothing acts, relative to the time since the start
 
 
-def variable(callbacks, state, settings, tally, span, look):
+def variable(callbacks, state, settings, counters, span, look):
     """Take steps, and return their number, the next row to write, and how it ended."""
     n = int64(N) if N > 0 else state.shape[1]  # not a constant: functions are compiled for each type
     f, p = RHS(callbacks), span.p
     kept, of_span = rows(state, ROWS), address_of(span)
     if span.first == 0:
         RESTART(kept, n)
-    if span.first == 0 or tally[STEP] == 0:
-        BEGIN(ADDRESS(callbacks), of_span, tally, ORDER, state)
+    if span.first == 0 or counters[STEP] == 0:
+        BEGIN(ADDRESS(callbacks), of_span, counters, ORDER, state)
     y = kept
     if N > 0:
         y = stack_rows(N, ROWS)
@@ -90,7 +90,7 @@ def variable(callbacks, state, settings, tally, span, look):
         (u_there, v_there), coefficients = rows(watch.work, 2), watch.work[2:]
         has_events, has_times = len(watch.events) > 0, len(watch.times) > 0
     share = least_size(span.rtol)
-    t, h, was_rejected = tally[TIME], tally[STEP], False
+    t, h, was_rejected = counters[TIME], counters[STEP], False
     taken, row, ended = 0, span.row, GOING
     while taken < span.count:
         remaining = span.t_end - t
@@ -100,7 +100,7 @@ def variable(callbacks, state, settings, tally, span, look):
         if has_rows and row + 2 > len(span.t_rows):
             ended = FULL
             break
-        if LOOKS == SEARCHES and int(tally[LOGGED]) + len(watch.events) > len(watch.log):
+        if LOOKS == SEARCHES and int(counters[LOGGED]) + len(watch.events) > len(watch.log):
             ended = FULL
             break
         is_last = h >= remaining
@@ -111,60 +111,62 @@ def variable(callbacks, state, settings, tally, span, look):
         if not (is_last or (step > 0 and step >= RESOLUTION * abs(t + step))):  # also for NaN
             ended = TOO_SMALL
             break
-        TRIAL(f, t, step, tally[STEP_BEFORE], p, n, y)
-        tally[EVALUATIONS] += COST
-        u_least, v_least, v_blur = share * tally[U_SIZE], share * tally[V_SIZE], 0.0
+        TRIAL(f, t, step, counters[STEP_BEFORE], p, n, y)
+        counters[EVALUATIONS] += COST
+        u_least, v_least, v_blur = share * counters[U_SIZE], share * counters[V_SIZE], 0.0
         if span.is_relative == 1 and (u_least == 0 or v_least == 0):
             if N > 0:
                 copy_rows(kept, y, N)
-            u_least, v_least, v_blur = SIZES_AT_REST(of_span, tally, t + step, state)
+            u_least, v_least, v_blur = SIZES_AT_REST(of_span, counters, t + step, state)
         square = SQUARE(step, n, y, span.rtol, span.atol, u_least, v_least)
         if not square <= 1.0:
-            tally[REJECTED] += 1
+            counters[REJECTED] += 1
             h = step * shrinkage(square, ORDER)
             was_rejected = True
             continue
         taken += 1
         t_end, error = span.t_end if is_last else t + step, exponent(square)
-        h = next_step(step, tally[STEP_BEFORE], error, tally[ERROR], was_rejected, span.h_max, ORDER)
+        h = next_step(step, counters[STEP_BEFORE], error, counters[ERROR], was_rejected, span.h_max, ORDER)
         if square == 0 and span.reads_time == 1 and is_silent(n, y):
             h = min(h, max(step, _SILENCE * (t_end - span.t0)))
-            if step > tally[SILENT_STEP]:
-                tally[SILENT_STEP], tally[SILENT_END] = step, t_end
+            if step > counters[SILENT_STEP]:
+                counters[SILENT_STEP], counters[SILENT_END] = step, t_end
         was_rejected = False
         outcome, s, t_stop = PASSED, 1.0, t_end
         if LOOKS > 0 and N == 0:
             PROJECT(look.follow, t_end, u_end, v_end, p)
         if LOOKS > 0:
-            first = first_due(follow, tally, span.first + taken)
+            first = first_due(follow, counters, span.first + taken)
             # within a step, only what was evaluated at its start is followed
-            first_within = 0 if tally[SPACING] == 1 else follow.invariants
+            first_within = 0 if counters[SPACING] == 1 else follow.invariants
             follows, follows_within = len(follow.table) > first, len(follow.table) > first_within
             is_known = follows_within
             if LOOKS == SEARCHES:
-                may_cross = has_events and not IS_QUIET(watch, tally, t_end, u_end, v_end, p)
-                is_wanted = has_times and tally[NEXT] < len(watch.times) and watch.times[int(tally[NEXT])] <= t_end
+                may_cross = has_events and not IS_QUIET(watch, counters, t_end, u_end, v_end, p)
+                is_wanted = (
+                    has_times and counters[NEXT] < len(watch.times) and watch.times[int(counters[NEXT])] <= t_end
+                )
                 is_known = follows_within or may_cross or is_wanted
             if is_known:
                 DENSE(f, t, step, p, n, y, coefficients)
         if LOOKS == SEARCHES and may_cross:
             outcome, s, t_stop = SEARCH(
-                place, tally, span.t0, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
+                place, counters, span.t0, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
             )
             if outcome in (NOT_A_NUMBER, RESTING):
                 taken, ended = taken - 1, outcome
                 break
-        tally[ERROR], tally[STEP_BEFORE] = max(error, LEAST_ERROR), step
+        counters[ERROR], counters[STEP_BEFORE] = max(error, LEAST_ERROR), step
         if LOOKS > 0:
             if LOOKS == SEARCHES and is_wanted:
-                while int(tally[NEXT]) < len(watch.times) and watch.times[int(tally[NEXT])] <= t_stop:
-                    WRITE_TIME(place, tally, t, step, t_end, n, coefficients, u_end, v_end, p)
+                while int(counters[NEXT]) < len(watch.times) and watch.times[int(counters[NEXT])] <= t_stop:
+                    WRITE_TIME(place, counters, t, step, t_end, n, coefficients, u_end, v_end, p)
             if is_known:
-                tally[EVALUATIONS] += DENSE_COST
+                counters[EVALUATIONS] += DENSE_COST
             if outcome != PASSED and s < 1.0:
                 evaluate(coefficients, s, n, u_end, v_end)
             if follows:
-                part = int(tally[PART]) % PARTS
+                part = int(counters[PART]) % PARTS
                 EVALUATE(follow, first, t_stop, u_end, v_end, p)
                 if follows_within and t_stop > t:
                     FOLLOW_WITHIN(place, first_within, t_stop, s * step, s, n, p)
@@ -181,15 +183,15 @@ def variable(callbacks, state, settings, tally, span, look):
                 PROJECT(follow, t_stop, u, v, p)
             f(t_stop, u, v, p, y[A])
             RESTART(y, n)
-            tally[EVALUATIONS] += 1
-            tally[STEP_BEFORE], tally[ERROR] = s * step, 0.0
+            counters[EVALUATIONS] += 1
+            counters[STEP_BEFORE], counters[ERROR] = s * step, 0.0
             if outcome == RESET:
-                h = min(h, LATER * tally[GAP])
+                h = min(h, LATER * counters[GAP])
             if N == 0:
                 ADVANCE_HISTORY(follow, t_stop, u, v, p)
             if outcome <= ZENO:
                 EVALUATE(follow, 0, t_stop, u, v, p)
-                WIDEN(follow, 0, int(tally[PART]) % PARTS, t_stop, v)
+                WIDEN(follow, 0, int(counters[PART]) % PARTS, t_stop, v)
                 FOLLOW_END(follow, look.within)
         else:
             if LOOKS > 0 and follows:
@@ -201,20 +203,20 @@ def variable(callbacks, state, settings, tally, span, look):
                 save(follow, row)
             row += 1
         if LOOKS > 0:
-            end_part(follow, tally, span.first + taken, n, v)
+            end_part(follow, counters, span.first + taken, n, v)
         t = t_stop
         if span.is_relative == 1:
-            u_size, v_size = tally[U_SIZE], tally[V_SIZE]
+            u_size, v_size = counters[U_SIZE], counters[V_SIZE]
             for j in range(n):
                 if span.atol[0, j] < math.inf:
                     y[U_MOST][j], y[V_MOST][j] = max(y[U_MOST][j], abs(u[j])), max(y[V_MOST][j], abs(v[j]))
                     u_size, v_size = max(u_size, y[U_MOST][j]), max(v_size, y[V_MOST][j])
             if v_size > v_blur:
-                tally[U_SIZE], tally[V_SIZE] = u_size, v_size
+                counters[U_SIZE], counters[V_SIZE] = u_size, v_size
         if outcome > RESET:
             ended = outcome
             break
-    tally[TIME], tally[STEP] = t, h
+    counters[TIME], counters[STEP] = t, h
     if N > 0:
         copy_rows(kept, y, N)
     return taken, row, ended
@@ -240,8 +242,8 @@ def kernel(module: str, form: Form, n: int, *, looks: int) -> Any:
     """Compile the kernel of a method for a right-hand side given as an address, or load it from the disk.
 
     One and two degrees of freedom have kernels of their own. The kernel is called as ``kernel((rhs, None), state,
-    settings, tally, span, look)``, where `settings` is not used. It returns the number of steps that it took, the next
-    row to write, and how it ended.
+    settings, counters, span, look)``, where `settings` is not used. It returns the number of steps that it took, the
+    next row to write, and how it ended.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ LATER = 4.0  # the step after a reset is at most this multiple of the time since
 EPSILON = 2.0**-52
 NEAR = 16  # spacings of t by which the computed time of an event, or t0 + n h, may be wrong
 G, _APPLY, _DIRECTION, _IS_TERMINAL = range(4)  # the columns of `Watch.events`
-SIDE, LAST, _FREE, _LEVEL = range(EVENT_VALUES)  # the values of an event in the tally, from `EVENTS` on
+SIDE, LAST, _FREE, _LEVEL = range(EVENT_VALUES)  # the values of an event in the counters, from `EVENTS` on
 _DUE, _CROSSING, _END, _HERE = range(4)  # the rows of `Watch.search`
 _NEVER = math.inf  # stands for the fraction of the step at which g changes its sign, if it does not
 _JUST_AFTER = 2.0**-20  # the fraction of a step after which g has left a zero at the start of the step
@@ -58,15 +58,15 @@ _OVERFLOWING = 1e100  # g may overflow, and be NaN, for states larger than this,
 _SPREAD = 0.2  # the parameter kappa_1 of the ITP method, relative to the first interval; it has little effect
 
 
-def is_quiet(watch, tally, t, u, v, p):
+def is_quiet(watch, counters, t, u, v, p):
     """Return whether every g still has its sign. A product is used, because it is false for zero and for NaN."""
     for k in range(len(watch.events)):
-        if not EVENT(watch.events[k, G], t, u, v, p) * tally[EVENTS + EVENT_VALUES * k + SIDE] > 0:
+        if not EVENT(watch.events[k, G], t, u, v, p) * counters[EVENTS + EVENT_VALUES * k + SIDE] > 0:
             return False
     return True
 
 
-def look_within(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u, v, p):
+def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end, u, v, p):
     """Process the events of a step in their order, up to the first that resets the state or ends the run.
 
     The look is at the address `place`, and the run began at t0. `coefficients` are the dense output of the step from t
@@ -84,14 +84,14 @@ def look_within(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u,
         mine = EVENTS + EVENT_VALUES * k
         g_end = EVENT(watch.events[k, G], t_end, u_end, v_end, p)
         if g_end != g_end:
-            tally[ENDED_BY] = k
+            counters[ENDED_BY] = k
             return (NOT_A_NUMBER, 0.0, t) if size < _OVERFLOWING else (PASSED, 1.0, t_end)
         crossing, side = CROSSING(
             watch.events[k, G],
-            tally[mine + SIDE],
-            tally[mine + _FREE],
-            tally[mine + _LEVEL],
-            t - tally[mine + LAST],
+            counters[mine + SIDE],
+            counters[mine + _FREE],
+            counters[mine + _LEVEL],
+            t - counters[mine + LAST],
             g_end,
             t,
             h,
@@ -103,13 +103,13 @@ def look_within(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u,
             tolerance,
         )
         if crossing < 0:
-            tally[ENDED_BY] = k
+            counters[ENDED_BY] = k
             return RESTING, 0.0, t
         is_wanted = watch.events[k, _DIRECTION] != (1 if side > 0 else -1)
         search[_CROSSING, k], search[_DUE, k] = crossing, crossing if is_wanted else _NEVER
-        search[_END, k], tally[mine + SIDE] = g_end, side
+        search[_END, k], counters[mine + SIDE] = g_end, side
         if side != 0:
-            tally[mine + _FREE] = 0.0
+            counters[mine + _FREE] = 0.0
     outcome, s, stop = PASSED, 1.0, t_end
     while True:
         k = _earliest(search[_DUE], count)
@@ -126,18 +126,18 @@ def look_within(place, tally, t0, t, h, t_end, n, coefficients, u_end, v_end, u,
                     u[j], v[j] = u_end[j], v_end[j]
             for other in range(count):
                 search[_HERE, other] = EVENT(watch.events[other, G], stop, u, v, p)
-        outcome = max(outcome, TAKE(place, tally, k, t0, stop, n, u, v, p))
+        outcome = max(outcome, TAKE(place, counters, k, t0, stop, n, u, v, p))
         search[_DUE, k] = _NEVER
     if outcome == PASSED:
         for k in range(count):
             mine = EVENTS + EVENT_VALUES * k
-            if search[_END, k] != 0 and tally[mine + _FREE] == 0:
-                tally[mine + SIDE] = search[_END, k]
+            if search[_END, k] != 0 and counters[mine + _FREE] == 0:
+                counters[mine + SIDE] = search[_END, k]
         return outcome, 1.0, t_end
     for k in range(count):
         _note_side(
             search,
-            tally,
+            counters,
             k,
             abs(search[_CROSSING, k] - s) <= _TOGETHER * tolerance,
             EVENT(watch.events[k, G], stop, u, v, p),
@@ -165,7 +165,7 @@ def _earliest(due, count):
 
 
 @element
-def _note_side(search, tally, k, is_crossing, g):
+def _note_side(search, counters, k, is_crossing, g):
     """Note the sign of `g`, which is the g of the event k after the resets.
 
     An event that `is_crossing` is at its zero, on whichever side round-off puts it, unless a reset moved it away: the
@@ -174,11 +174,11 @@ def _note_side(search, tally, k, is_crossing, g):
     mine = EVENTS + EVENT_VALUES * k
     here = search[_HERE, k]
     if abs(g) > (2 * abs(here) if is_crossing else 0.0):
-        tally[mine + SIDE] = g
+        counters[mine + SIDE] = g
     elif is_crossing or here != 0:
-        tally[mine + SIDE], tally[mine + _LEVEL] = 0.0, g
-    if not is_crossing or tally[mine + SIDE] != 0:
-        tally[mine + _FREE] = 0.0
+        counters[mine + SIDE], counters[mine + _LEVEL] = 0.0, g
+    if not is_crossing or counters[mine + SIDE] != 0:
+        counters[mine + _FREE] = 0.0
 
 
 def crossing_within(address, side, free, level, since, g_end, t, h, n, coefficients, u, v, p, tolerance):
@@ -292,15 +292,15 @@ def round_off(address, t, n, coefficients, g, u, v, p):
     return most
 
 
-def take(place, tally, k, t0, t, n, u, v, p):
+def take(place, counters, k, t0, t, n, u, v, p):
     """Write an occurrence of the event k to the log, apply its reset to u and v, and return the outcome.
 
     The quantities are followed in the state before and in the state after the reset.
     """
-    watch, part = look_at(place).watch, int(tally[PART]) % PARTS
-    row, address = watch.log[int(tally[LOGGED])], watch.events[k, _APPLY]
+    watch, part = look_at(place).watch, int(counters[PART]) % PARTS
+    row, address = watch.log[int(counters[LOGGED])], watch.events[k, _APPLY]
     mine = EVENTS + EVENT_VALUES * k
-    tally[LOGGED] += 1
+    counters[LOGGED] += 1
     row[0], row[1] = k, t
     outcome = PASSED
     for j in range(n):
@@ -308,31 +308,31 @@ def take(place, tally, k, t0, t, n, u, v, p):
     FOLLOW(place, part, t, u, v, p)
     if address != 0:
         APPLY(address, t, u, v, p)
-        tally[mine + _FREE] = 0.0
+        counters[mine + _FREE] = 0.0
         for j in range(n):
             if u[j] != row[2 + j] or v[j] != row[2 + n + j]:
-                tally[mine + _FREE] = tally[mine + SIDE]
+                counters[mine + _FREE] = counters[mine + SIDE]
             if (u[j] - u[j] != 0 and row[2 + j] - row[2 + j] == 0) or (
                 v[j] - v[j] != 0 and row[2 + n + j] - row[2 + n + j] == 0
             ):
                 outcome = NOT_FINITE
         if outcome == PASSED:
             FOLLOW(place, part, t, u, v, p)
-        tally[GAP] = t - tally[mine + LAST]
-        tally[mine + LAST] = t
-        outcome = max(outcome, RESET if tally[GAP] > _LEAST_GAP * max(abs(t), abs(t0)) else ZENO)
+        counters[GAP] = t - counters[mine + LAST]
+        counters[mine + LAST] = t
+        outcome = max(outcome, RESET if counters[GAP] > _LEAST_GAP * max(abs(t), abs(t0)) else ZENO)
     for j in range(n):
         row[2 + 2 * n + j], row[2 + 3 * n + j] = u[j], v[j]
     if watch.events[k, _IS_TERMINAL] != 0:
         outcome = max(outcome, TERMINAL)
     if outcome >= TERMINAL:
-        tally[ENDED_BY] = k
+        counters[ENDED_BY] = k
     return outcome
 
 
-def write_time(place, tally, t, h, t_end, n, coefficients, u_end, v_end, p):
+def write_time(place, counters, t, h, t_end, n, coefficients, u_end, v_end, p):
     """Write the state at the next of `watch.times`, and the values of the outputs there."""
-    look, row = look_at(place), int(tally[NEXT])
+    look, row = look_at(place), int(counters[NEXT])
     watch = look.watch
     (u,), (v,) = rows(watch.u_rows[row:], 1), rows(watch.v_rows[row:], 1)
     if watch.times[row] == t_end:
@@ -343,7 +343,7 @@ def write_time(place, tally, t, h, t_end, n, coefficients, u_end, v_end, p):
     watch.h_rows[row] = h
     EVALUATE(look.follow, look.follow.invariants, watch.times[row], u, v, p)
     follow.save(look.follow, row)
-    tally[NEXT] += 1
+    counters[NEXT] += 1
 
 
 def followed(place, part, t, u, v, p):

@@ -18,13 +18,13 @@ PAST, ROWS = 1, 7
 
 @element
 def constants(settings, h, work):
-    return settings[0], int(settings[1]), work.tally
+    return settings[0], int(settings[1]), work.counters
 
 
 @element
 def step(f, at, y, c, n):
     u, v, w, u_next, v_next, w_next, a = y
-    tolerance, limit, tally = c
+    tolerance, limit, counters = c
     for j in range(n):
         impulse = v[j] - w[j]
         u_next[j], w_next[j] = move(u[j], v[j], w[j], at.h)
@@ -32,8 +32,8 @@ def step(f, at, y, c, n):
     last = math.nan
     for _ in range(limit):
         f(at.t + at.h, u_next, v_next, at.p, a)
-        tally[EVALUATIONS] += 1
-        tally[ITERATIONS] += 1
+        counters[EVALUATIONS] += 1
+        counters[ITERATIONS] += 1
         change = scale = size = 0.0
         for j in range(n):
             v_iterated = w_next[j] + at.h / 2 * a[j]
@@ -46,5 +46,5 @@ def step(f, at, y, c, n):
         if is_solved(change, last, scale, size, tolerance, at.h, n):
             return (u_next, v_next, w_next, u, v, w, a), True
         last = change
-    tally[RESIDUAL], tally[DEGREE] = last, first_not_finite(v_next, n)
+    counters[RESIDUAL], counters[DEGREE] = last, first_not_finite(v_next, n)
     return y, False  # rows u, v and w still hold the last good state

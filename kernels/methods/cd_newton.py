@@ -83,9 +83,9 @@ def solve_one(f, jacobian, at, y, c):
             slope = work.matrix[0, 0]
         v_next[0] -= residual / (1 - h / 2 * slope)
         iteration += 1
-    count(work.tally, iteration, 1 if jacobian is None else 0)
+    count(work.counters, iteration, 1 if jacobian is None else 0)
     if not success:
-        work.tally[RESIDUAL] = last
+        work.counters[RESIDUAL] = last
         return y, False
     v_next[0] -= residual / (1 - h / 2 * slope)
     return (u_next, v_next, w_next, u, v, w, a, perturbed, unused_0, unused_1, unused_2), True
@@ -108,7 +108,7 @@ def solve(f, jacobian, t, u, v, w, scratch, c, h, p, n):
         finite = math.isfinite(norm + scale + size)
         if iteration > 0 and finite and is_solved(norm, last, scale, size, tolerance, h, n):
             correct(v, n, residual, matrix, row_swaps, column_swaps)
-            count(work.tally, iteration, n if jacobian is None else 0)
+            count(work.counters, iteration, n if jacobian is None else 0)
             return True
         if iteration >= limit or not finite:
             break
@@ -126,15 +126,15 @@ def solve(f, jacobian, t, u, v, w, scratch, c, h, p, n):
         if not ldu.factorise(matrix, n, row_swaps, column_swaps):
             break
         correct(v, n, residual, matrix, row_swaps, column_swaps)
-    count(work.tally, iteration, n if jacobian is None else 0)
-    work.tally[RESIDUAL], work.tally[DEGREE] = last, first_not_finite(residual, n)
+    count(work.counters, iteration, n if jacobian is None else 0)
+    work.counters[RESIDUAL], work.counters[DEGREE] = last, first_not_finite(residual, n)
     return False
 
 
 @element
-def count(tally, iterations, evaluations_each):
-    tally[EVALUATIONS] += 1 + iterations * (1 + evaluations_each)
-    tally[ITERATIONS] += iterations
+def count(counters, iterations, evaluations_each):
+    counters[EVALUATIONS] += 1 + iterations * (1 + evaluations_each)
+    counters[ITERATIONS] += iterations
 
 
 @element
