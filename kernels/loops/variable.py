@@ -72,7 +72,7 @@ _SILENCE = 0.02  # longest step while nothing acts, relative to the time since t
 
 def variable(callbacks, state, settings, counters, span, look):
     """Take steps, and return their number, the next row to write, and how it ended."""
-    n = int64(N) if N > 0 else state.shape[1]  # not a constant: functions are compiled for each type
+    n = N if N > 0 else state.shape[1]  # a constant: with n = 2, a step of RKN12 takes two thirds of the time
     f, p = RHS(callbacks), span.p
     kept, of_span = rows(state, ROWS), address_of(span)
     if span.first == 0:
