@@ -38,7 +38,7 @@ NEXT, LOGGED, ANEW, GAP, ENDED_BY, WITHIN = range(11, 17)
 BY_SPAN, SILENT_STEP, SILENT_END = range(17, 20)
 
 #: Further entries for a run with quantities: the number of the current part of the run, and the step index at its end;
-#: the step index from which on the invariants are evaluated next, and the largest distance between two such indices.
+#: the step index at which the invariants are due next, and the largest distance between two such indices.
 PART, PART_END, DUE, SPACING = range(20, 24)
 
 #: Four values follow for each event: the sign of g, where 0 means that it is looked at just after the start of the

@@ -79,7 +79,7 @@ def _redraw(view: View, film: Film, solution: Solution, t_end: float | None) -> 
     FigureCanvasAgg(figure)
     show = stage(figure, view, film, solution, t_end)
     figure.canvas.draw()
-    figure.set_layout_engine("none")  # the layout of the first frame is that of all others
+    figure.set_layout_engine("none")  # all frames have the layout of the first frame
     return Redraw(figure, show, len(film.t) - 1)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 
 class Redraw:
-    """Draws frames whose pixels are those of the whole figure.
+    """Draws frames with the same pixels as the whole figure.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Redraw:
         return np.asarray(canvas.buffer_rgba())[..., :3]
 
     def _stays(self) -> bool:
-        """Return whether the background is still that of the figure; the places are known after a drawing."""
+        """Return whether the figure still has this background; the places are known after a drawing."""
         is_stale = self.background is None or any(part.stale for part in self.parts)
         return not is_stale and _places(self.figure) == self.places
 

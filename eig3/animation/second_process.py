@@ -52,7 +52,7 @@ def with_second_process(build: Callable[[], Draw], count: int) -> Iterator[Draw]
 
 
 class _Shared:
-    """Frames of this process up to `first`, and then those of the other one, for which the next frame waits."""
+    """Frames of this process up to `first`, and then frames of the other process, for which the next frame waits."""
 
     def __init__(self, draw: Draw, first: int, process: subprocess.Popen[bytes], path: Path) -> None:
         self.draw, self.first, self.process, self.path = draw, first, process, path

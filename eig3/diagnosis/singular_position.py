@@ -1,6 +1,6 @@
 """Singular positions of mechanisms, at which the constraints depend on each other, and ways past them.
 
-A parallelogram of bars is singular where all bars are in line: from there it can go on as a parallelogram, or with its
+A parallelogram of bars is singular where all bars are in line: from there it can move as a parallelogram, or with its
 cranks turning against each other.
 """
 
@@ -25,7 +25,7 @@ from ..stepping.variable_stepper import VariableStepper
 
 AT_SINGULAR = ", at a singular position of the mechanism, where its constraints depend on each other"
 
-_SINGULAR = 1e-4  # from this part of the independence at the start on, a position is singular
+_SINGULAR = 1e-4  # a position with less than this part of the independence at the start is singular
 _AHEAD = 2.0  # steps after the last state within which a singular position is looked for
 _PLACES = 200  # places in them
 _SHORTER = 0.9, 0.7  # parts of the step with which a run may not meet a singular position
@@ -53,12 +53,12 @@ def ways_past(last: Stepper, t_end: float) -> str:
     passed, failed = (", ".join(names) for names in (found[True], found[False]))
     if passed:
         lost = f", and {failed} did not" if failed else ""
-        return f"{passed} passed it{lost}; beyond it the motion may go on in more than one way"
+        return f"{passed} passed it{lost}; beyond it there may be more than one motion"
     return f"{failed} did not pass it either; begin after it, or change the mechanism so that it does not come there"
 
 
 def _independence(last: Stepper | VariableStepper, t: float, u: np.ndarray, place: int) -> float:
-    """Return the least pivot of the matrix of the constraints in a position, as a part of the entry on its diagonal."""
+    """Return the least pivot of the matrix of the constraints in a position, relative to the entry on its diagonal."""
     p = guarded(last.params)
     _, sizes = evaluation(last.system.callback, last.form, t, u, np.zeros_like(u), p)
     if not math.isfinite(sizes[2]):

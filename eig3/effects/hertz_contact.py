@@ -32,7 +32,8 @@ class HertzContact(Touching):
     """Hertz's contact between two masses, or between a mass and a fixed point, with the damping of Hunt and Crossley.
 
     Formula: push = stiffness d^(3/2) (1 + damping d') at the indentation d = contact_distance - r > 0 with the rate d',
-    and 0 where d or the bracket is negative. Without damping, energy = 2/5 stiffness d^(5/2).
+    and 0 where d or the bracket is negative. The contact_distance is the sum of the two radii. Without damping, energy
+    = 2/5 stiffness d^(5/2).
 
     Pairs that do not touch cost little, so that a scene can have a contact between all pairs of some hundreds of
     masses.

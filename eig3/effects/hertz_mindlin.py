@@ -54,12 +54,12 @@ def damping_ratio(restitution: float) -> float:
 class HertzMindlin(FrictionalContact, Touching):
     """Contacts of elastic spheres of one material with friction, after Hertz and Mindlin.
 
-    Formula: with the indentation d, the effective radius R = R1 R2 / (R1 + R2) and the effective mass m, the normal
-    force is 4/3 E* sqrt(R d) d + c_n d', or 0 if this is negative. A spring along the surfaces has Mindlin's stiffness
-    k_t = 8 G* sqrt(R d): its force grows with k_t times the tangential velocity and falls with k_t. With its damping
-    c_t, it is at most friction times the normal force. E* = E / (2 (1 - nu^2)), G* = E / (4 (2 - nu) (1 + nu)). A
-    damping is c = 2 sqrt(5/6) z sqrt(k m), with k_t or k_n = 2 E* sqrt(R d). The damping ratio z gives the restitution
-    at every speed: see `damping_ratio`.
+    Formula: with the indentation d of two spheres with the radii R1 and R2, the effective radius R = R1 R2 / (R1 + R2)
+    and the effective mass m, the normal force is 4/3 E* sqrt(R d) d + c_n d', or 0 if this is negative. A spring along
+    the surfaces has Mindlin's stiffness k_t = 8 G* sqrt(R d): its force grows with k_t times the tangential velocity
+    and falls with k_t. With its damping c_t, it is at most friction times the normal force. E* = E / (2 (1 - nu^2)), G*
+    = E / (4 (2 - nu) (1 + nu)). A damping is c = 2 sqrt(5/6) z sqrt(k m), with k_t or k_n = 2 E* sqrt(R d). The damping
+    ratio z gives the restitution at every speed: see `damping_ratio`.
 
     Add it to one array of points, or between points and fixed points with ``others=``. Give the masses an inertia, or
     they do not spin. In two dimensions the points are spheres whose centres stay in a plane.

@@ -41,6 +41,6 @@ class Touching(Link):
         if radii.ndim:
             raise ValueError(
                 f"{self.title} does not know the radius of the others, because its points have several: give "
-                "contact_distance, the sum of the radius of each point and that of the others."
+                "contact_distance, the sum of the radii of a point and of the others."
             )
         return float(radii)

@@ -73,8 +73,7 @@ def integrate(
     events : dict of str to Event
         Events by name: functions of the state, whose zeros the run locates; see `eig3.Event`.
     invariants : dict of str to jitted function
-        Functions ``e(t, u, v, p) -> float`` by name that the motion should conserve. The solution has their `drift` and
-        `extremes`.
+        Functions ``e(t, u, v, p) -> float`` by name that the motion should conserve; see `drift` of the solution.
     outputs : dict of str to jitted function, or to (jitted function, k)
         Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values, by name. The solution has their
         `outputs` at the saved states, and their `extremes` over the run.

@@ -16,7 +16,7 @@ from ..functions.guard import guarded
 from ..functions.named import has_names, in_layout, named
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, Form
-from ..keywords import with_suggestions
+from ..keywords import refusal
 from ..methods import Method
 from ..result.memory import n_rows
 from ..result.solution import Solution
@@ -34,6 +34,7 @@ from .progress import check_progress
 from .run import Run, carry_out
 from .variable_run import VariableRun
 
+_OF_A_CALL = "t_span", "u0", "v0", "params", "progress", "raise_on_failure", "cancel", "save_to"
 _WITHOUT_NAMES = np.ndarray, tuple, list, float, int  # a NamedTuple is of another type
 _LONGER = 4  # a run with tolerances counts as short if it takes at most this many times as long as the last run
 _LEAST_PACE = 1e-10  # seconds per step; a coarse clock may measure 0
@@ -82,7 +83,6 @@ class Prepared:
         """The functions and the kernels of the run, compiled."""
         return self._system
 
-    @with_suggestions()
     def __call__(
         self,
         t_span: Sequence[float] | None = None,
@@ -94,6 +94,7 @@ class Prepared:
         raise_on_failure: bool = False,
         cancel: Cancel | None = None,
         save_to: str | PathLike[str] | None = None,
+        **unknown: Any,
     ) -> Solution:
         """Run from a start.
 
@@ -116,6 +117,8 @@ class Prepared:
         TypeError, ValueError, MemoryError, OSError, ImportError, IntegrationError, KeyboardInterrupt
             As for `eig3.integrate`.
         """
+        if unknown:  # a decorator would cost a call
+            raise refusal("Prepared", next(iter(unknown)), _OF_A_CALL)
         span: Any = t_span
         if self._defaults:
             own_span, own_u0, own_v0, own_params = self._defaults

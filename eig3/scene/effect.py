@@ -419,7 +419,7 @@ class Link(Effect):
             )
 
     def of_groups(self) -> Any:
-        """Return the link between the points of a group and those of another one."""
+        """Return the link between the points of two groups."""
         return self
 
     def needs_direction(self, columns: dict[str, np.ndarray]) -> Any:
