@@ -41,7 +41,7 @@ Draw = Callable[[Any, Solution], None]
 
 _START = ("u0", "v0", "params")
 _OF_A_CALL = ("progress", "raise_on_failure", "cancel", "save_to")  # the options of a single run
-_ENERGY_EVERY = 100  # steps: to evaluate the energy often enough costs up to 5 % of a run
+_ENERGY_EVERY = 100  # steps: the energy then usually costs less than 5 % of a run
 _OF_RHS = ("rhs", "quadratures")  # fields that change only with the right-hand side
 
 

@@ -10,7 +10,7 @@ from ..functions.guard import GUARD_VALUES
 from ..functions.quantities import Functions, Quantity
 from ..kernels.protocol import PARTS, Form, Within
 
-_OFF_PERIOD = (math.sqrt(5) - 1) / 2  # an irrational number, and one that no fraction with small numbers is near to
+_OFF_PERIOD = (math.sqrt(5) - 1) / 2  # the inverse of the golden ratio, which is far from all simple fractions
 
 
 def spacing_of(every: int) -> float:

@@ -178,8 +178,10 @@ class _Linked(JITCodeLibrary):
 
 
 class _LinkedCompiler(Compiler):
+    kind: type[JITCodeLibrary] = _Linked
+
     def __init__(self, typing: Any, target: Any, library: Any, *others: Any) -> None:
-        library = _Linked(target.codegen(), "linked")
+        library = self.kind(target.codegen(), self.kind.__name__)
         library.enable_object_caching()
         super().__init__(typing, target, library, *others)
 
@@ -694,11 +696,8 @@ class _SelfContained(JITCodeLibrary):
         super()._finalize_final_module()
 
 
-class _SelfContainedCompiler(Compiler):
-    def __init__(self, typing: Any, target: Any, library: Any, *others: Any) -> None:
-        library = _SelfContained(target.codegen(), "kept")
-        library.enable_object_caching()
-        super().__init__(typing, target, library, *others)
+class _SelfContainedCompiler(_LinkedCompiler):
+    kind = _SelfContained
 
 
 def set_cache(function: Jitted, cache: DiskCache) -> None:
