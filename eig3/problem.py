@@ -7,7 +7,7 @@ from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -166,7 +166,7 @@ class Problem:
         """The names of the parameters, if they have any."""
         return getattr(self.params, "layout", None)
 
-    def with_(self, **changes: Any) -> Problem:
+    def with_(self, **changes: Any) -> Self:
         """Return a copy with some fields changed, such as ``problem.with_(u0=[0.1, 0.0], t_span=(0, 20))``.
 
         Parameters

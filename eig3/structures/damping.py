@@ -63,8 +63,9 @@ class Rayleigh:
         """Return the damping with the frequencies of a structure in place of its modes."""
         if self.modes is None:
             return self
-        omega, _ = natural_modes(mass, K, max(self.modes))
-        return Rayleigh(self.xi, *(float(omega[mode - 1]) for mode in self.modes))
+        i, j = self.modes
+        omega = natural_modes(mass, K, max(i, j))[0]
+        return Rayleigh(self.xi, float(omega[i - 1]), float(omega[j - 1]))
 
     @property
     def coefficients(self) -> tuple[float, float]:
