@@ -7,7 +7,7 @@ from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,6 +35,9 @@ from .run.loading import with_functions
 from .run.prepare import Prepared
 from .stepping.options import run_options
 from .stepping.stepper import Stepper
+
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
 
 #: A function that draws the response on a matplotlib figure.
 Draw = Callable[[Any, Solution], None]

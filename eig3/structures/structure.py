@@ -25,8 +25,8 @@ class Structure(Problem):
         count : int
             The number k of modes.
         influence : array_like, shape (n,), optional
-            The influence of a ground motion, for the participation of the modes. By default it is that of the problem's
-            ground motion, and 1 for all degrees of freedom without one.
+            The influence of a ground motion, for the participation of the modes. The default is the influence of the
+            problem's ground motion, or 1 for all degrees of freedom if it has none.
 
         Returns
         -------
