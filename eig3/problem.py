@@ -487,8 +487,8 @@ class Problem:
 
     @property
     def labels(self) -> Labels:
-        """The names and units of the degrees of freedom."""
-        return Labels(self.names, self.units)
+        """The names and units of the degrees of freedom, and the names of the parameters."""
+        return Labels(self.names, self.units, self._layout)
 
     @property
     def uses_velocity(self) -> bool:

@@ -187,6 +187,26 @@ class EnsembleSolution:
                 fields[name] = each(lambda x, *last: np.insert(x, ends, last, axis=0), fields[name], *states)
         return SimpleNamespace(**fields, member=self.first + member, labels=self.labels)
 
+    def summary(self) -> Any:
+        """Return a `pandas.DataFrame` with a row for each member.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The index is the number of the member in the whole ensemble. The columns are the parameters that differ
+            between members, status, h, n_steps and n_rhs; the drift of each invariant; for each event, its count and
+            the time of its first occurrence, NaN without one; the minimum and the maximum of each invariant and output,
+            and their times; and the time and the values of the last finite state, named as by `to_pandas`.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        ValueError
+            If two columns have the same name.
+        """
+        return frames.ensemble_summary(self)
+
     def to_xarray(self) -> Any:
         """Return the saved states of all members as an `xarray.Dataset`.
 
