@@ -5,6 +5,7 @@ from typing import Any
 
 from ._version import __version__
 from .diagnosis.critical import CriticalStep, NoCriticalStepError, critical_step
+from .diagnosis.error_estimate import ErrorEstimate
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import jit
@@ -54,6 +55,7 @@ __all__ = [
     "CentralDifference",
     "CriticalStep",
     "EnsembleSolution",
+    "ErrorEstimate",
     "Event",
     "Extremes",
     "Fit",

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 Draw = Callable[[Any, Solution], None]
 
 _START = ("u0", "v0", "params")
-_OF_A_CALL = ("progress", "raise_on_failure", "cancel", "save_to")  # the options of a single run
+_OF_A_CALL = ("check", "progress", "raise_on_failure", "cancel", "save_to")  # the options of a single run
 _ENERGY_EVERY = 100  # steps: the energy then usually costs less than 5 % of a run
 _OF_RHS = ("rhs", "quadratures")  # fields that change only with the right-hand side
 

@@ -41,6 +41,7 @@ def integrate(
     first_step: float | None = None,
     max_steps: int | None = None,
     inline: bool = False,
+    check: bool = False,
     progress: bool = False,
     raise_on_failure: bool = False,
     cancel: Cancel | None = None,
@@ -75,16 +76,16 @@ def integrate(
     invariants : dict of str to jitted function
         Functions ``e(t, u, v, p) -> float`` by name that the motion should conserve; see `drift` of the solution.
     outputs : dict of str to jitted function, or to (jitted function, k)
-        Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values, by name. The solution has their
-        `outputs` at the saved states, and their `extremes` over the run.
+        Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values; see `outputs` and `extremes`.
     invariants_every : int
         Evaluate the invariants after about every `invariants_every`-th step only, and more often at first.
     h_max, first_step, max_steps : float, float, int
         With rtol: the longest step, the first step, and the largest number of steps.
     inline : bool
         Compile the loop with rhs inside: faster for long runs, for about a second of compilation.
-    progress, raise_on_failure : bool
-        Show a progress bar, by tqdm. Raise `IntegrationError` if the run does not complete.
+    check, progress, raise_on_failure : bool
+        Estimate the errors of the run: see `Solution.check`. Show a progress bar, by tqdm. Raise `IntegrationError` if
+        the run does not complete.
     cancel : threading.Event
         Set it in another thread to end the run.
     save_to : str or path
@@ -123,5 +124,5 @@ def integrate(
         max_steps=max_steps,
         inline=inline,
     )
-    of_call: dict[str, Any] = {"progress": progress, "raise_on_failure": raise_on_failure}
+    of_call: dict[str, Any] = {"check": check, "progress": progress, "raise_on_failure": raise_on_failure}
     return Prepared(rhs, form, options)(t_span, u, v, params, cancel=cancel, save_to=save_to, **of_call)
