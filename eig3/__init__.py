@@ -5,7 +5,6 @@ from typing import Any
 
 from ._version import __version__
 from .diagnosis.critical import CriticalStep, NoCriticalStepError, critical_step
-from .diagnosis.error_estimate import ErrorEstimate
 from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import jit
@@ -32,6 +31,7 @@ from .methods import (
 )
 from .planning.planner import Plan, plan
 from .problem import Problem
+from .result.error_estimate import ErrorEstimate
 from .result.solution import Solution, Status
 from .run.integration import integrate
 from .run.loading import load

@@ -205,7 +205,7 @@ MUTANTS = {
         ("v + h / 2 * a), v", "v - h / 2 * a), v"),
         ("_SUFFICIENT = 20", "_SUFFICIENT = 10"),
     ],
-    ("eig3/diagnosis/error_estimate.py", "test_check.py"): [
+    ("eig3/result/error_estimate.py", "test_check.py"): [
         ("_BELOW = 0.6", "_BELOW = 3.6"),
         ("_ROUND_OFF = 1e-12", "_ROUND_OFF = 1e-16"),
         ("_LEAST_RATIO = 2.0", "_LEAST_RATIO = 20.0"),

@@ -7,7 +7,7 @@ import pytest
 
 import eig3
 from eig3 import problems
-from eig3.diagnosis.error_estimate import _order
+from eig3.result.error_estimate import _order
 
 from .conftest import position, spring
 

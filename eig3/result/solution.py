@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,14 +22,12 @@ from ..kernels.compile.interrupt import with_solution
 from ..methods import Method
 from . import frames, storage
 from .columns import separated
+from .error_estimate import ErrorEstimate
 from .interpolation import Knots
 from .labels import Labels
 from .resolution import Resolution
 from .soundness import check_run
 from .status import Status
-
-if TYPE_CHECKING:
-    from ..diagnosis.error_estimate import ErrorEstimate
 
 _TOO_FAR = 1e-2  # with a larger relative error, the states are too far apart to be interpolated
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from ..diagnosis.coarseness import coarseness
 from ..diagnosis.divergence import Divergence, find_blow_up, find_divergence
-from ..diagnosis.error_estimate import Companion
 from ..functions.checks import check_count, check_resolution, check_time
 from ..functions.guard import guarded
 from ..kernels.protocol import FAILED, SCALAR
 from ..methods import EIG
+from ..result.error_estimate import Companion
 from ..result.memory import check_disk, check_history, n_rows
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import Place, going_on

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.drift import excess, growth
-from ..diagnosis.error_estimate import Companion, ErrorEstimate, estimate
 from ..functions.checks import check_cancel, check_flag
 from ..functions.evaluation import accelerations
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import EVALUATIONS, ITERATIONS, NEXT, RESTING, TERMINAL, VECTOR
 from ..methods import Method
+from ..result.error_estimate import Companion, ErrorEstimate, estimate
 from ..result.solution import Solution, Status
 from ..result.storage import Place
 from ..stepping.march import Cancel, Rows

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnosis.error_estimate import Companion
 from ..diagnosis.singular_position import AT_SINGULAR, is_singular
 from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
+from ..result.error_estimate import Companion
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import going_on
 from ..stepping.march import Cancel

@@ -130,7 +130,8 @@ class Companion:
             rows = np.arange(len(other.t))
             return cls(other, ratio, rows, rows, other.u, other.v, name)
         rows = np.flatnonzero(solution.t <= other.t[-1])
-        return cls(other, ratio, rows, None, *other._interpolated(solution.t[rows]), name)
+        u, v = other._interpolated(solution.t[rows])
+        return cls(other, ratio, rows, None, u, v, name)
 
 
 def estimate(solution: Any, fine: Companion, coarse: Companion | None, order: int | None) -> ErrorEstimate:
