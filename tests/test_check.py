@@ -1,6 +1,7 @@
 """`check=True`: the estimated error of a run against the true error, its order, and the time from which it is wrong."""
 
 import copy
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -202,6 +203,56 @@ def test_a_terminal_event_may_come_earlier():
     assert np.abs((solution.u - true - solution.error.u)[known]).max() < 0.2 * np.abs(solution.u - true).max()
 
 
+# Ensembles -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"h": 0.01},
+        {"h": 0.01, "save_every": 10},
+        {"h": 0.01, "save_every": 7},
+        {"h": 10 / 1001},
+        {"h": np.array([0.01, 0.005, 10 / 1001]), "t_eval": np.linspace(0, 10, 5)},
+        {"rtol": 1e-5, "method": "rk5"},
+    ],
+)
+def test_members_have_the_errors_of_single_runs(options):
+    starts, every = np.array([1.0, 2.0, 0.5]), {"save_every": None} if "t_eval" not in options else {}
+    runs = eig3.ensemble(spring, (0, 10), starts, 0.0, params=1.0, check=True, **options)
+    plain = eig3.ensemble(spring, (0, 10), starts, 0.0, params=1.0, **options)
+    np.testing.assert_array_equal(runs.u, plain.u)
+    for i, start in enumerate(starts):
+        own = {name: x[i] if name == "h" and np.ndim(x) else x for name, x in options.items()}
+        single = eig3.integrate(spring, (0, 10), start, 0.0, params=1.0, check=True, **{**every, **own})
+        np.testing.assert_allclose(runs.error[i].u, single.error.u, rtol=0.05, atol=1e-12)
+    true = np.abs(runs.u - starts[:, None] * np.cos(runs.t)).max(axis=1)
+    np.testing.assert_allclose(runs.error.largest["u"], true, rtol=0.2)
+    if "h" in options:
+        np.testing.assert_allclose(runs.error.order, 2, atol=0.1)
+    assert np.isnan(runs.error.reliable_until).all()
+    assert f"error of u at most {runs.error.largest['u'].max():.2g} in 3 members" in repr(runs)
+
+
+def test_members_that_fail_have_no_error():
+    runs = eig3.ensemble(spring, (0, 1000), 1.0, 0.0, params=1.0, h=np.array([0.1, 2.5]), check=True)
+    assert runs.error[1] is None
+    assert np.isnan(runs.error.largest["u"]).tolist() == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"reduce": len}, "check and reduce exclude each other"),
+        ({"save_to": "runs"}, "check and save_to exclude each other"),
+        ({"method": eig3.Langevin(1.0, 1.0)}, "adds random numbers"),
+    ],
+)
+def test_ensembles_that_cannot_be_checked_say_why(given, words):
+    with pytest.raises(ValueError, match=words):
+        eig3.ensemble(spring, (0, 1), np.ones(2), 0.0, params=1.0, h=0.1, check=True, **given)
+
+
 # How it is asked for -------------------------------------------------------------------------------------------------
 
 
@@ -215,11 +266,15 @@ def test_every_single_run_can_be_checked():
         eig3.prepare(spring, **options)((0, 10), 1.0, 0.0, 1.0, check=True),
         eig3.Problem("spring", spring, 1.0, 0.0, 1.0, (0, 10)).integrate(check=True, **options),
         eig3.Problem("spring", spring, 1.0, 0.0, 1.0, (0, 10)).prepare(**options)(check=True),
+        eig3.Problem("spring", spring, 1.0, 0.0, [1.0], (0, 10)).ensemble(
+            u0=[1.0, 2.0], save_every=1, check=True, **options
+        ),
         plain.extend(12.0),
     ]
     runs[-1].check()
+    runs[3] = SimpleNamespace(error=runs[3].error[0])
     for each in runs:
-        np.testing.assert_allclose(each.error.u[: len(given.t) - 1], given.error.u[:-1], rtol=1e-5)
+        np.testing.assert_allclose(each.error.u[: len(given.t) - 1], given.error.u[:-1], rtol=1e-3, atol=1e-15)
 
 
 def test_a_run_that_fails_has_no_error():

@@ -30,6 +30,9 @@ from ..stepping.march import Cancel
 from . import files
 from .occurrences import MemberOccurrences
 
+#: The fields that a copy, a pickle and a file do not keep.
+_TRANSIENT = "_rhs", "_repeat", "_again", "error"
+
 #: Runs one member alone, by its number.
 Repeat = Callable[[int], Solution]
 
@@ -89,6 +92,9 @@ class EnsembleSolution:
         Sentences that the user should read, such as that rhs could not be vectorised.
     labels : Labels or None
         Names and units of the degrees of freedom, in an ensemble of a problem.
+    error : MemberErrors or None
+        With ``check=True``, the estimated errors of the members: ``error[i]``, and `largest`, `order` and
+        `reliable_until` of all. Copies and files do not keep it.
     """
 
     t: np.ndarray
@@ -114,6 +120,7 @@ class EnsembleSolution:
     n_invariants: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     steps: np.ndarray | None = None
     labels: Labels | None = None
+    error: Any = None
     _last: dict[int, dict[str, Any]] = field(default_factory=dict)  # columns of a last state that is not a saved state
     _rhs: Any = None  # the jitted function
     _repeat: Repeat | None = None
@@ -358,7 +365,7 @@ class EnsembleSolution:
 
     def __getstate__(self) -> dict[str, Any]:
         # These functions refer to compiled code. Members with the same times share them.
-        state = {name: value for name, value in vars(self).items() if name not in ("_rhs", "_repeat", "_again")}
+        state = {name: value for name, value in vars(self).items() if name not in _TRANSIENT}
         return state | {"t": self.t if self.t.strides[0] else self.t[:1]}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -380,6 +387,7 @@ class EnsembleSolution:
         evaluated = int(self.n_invariants.sum())
         some = f" (at {evaluated:,} of {total:,} steps)" * (evaluated < total)
         lines += [f"  drift of {name}: at most {np.max(values):.4g}{some}" for name, values in self.drift.items()]
+        lines += [f"  {self.error!r}"] * (self.error is not None)
         lines += [f"  Note: {note}" for note in self.notes]
         return "\n".join(lines)
 

@@ -101,9 +101,7 @@ class VariableRun(Run):
 
     def _companion(self, solution: Solution, ratio: float, name: str, cancel: Cancel | None) -> Companion:
         """Return the run with other tolerances."""
-        stepper, given = self.stepper, self.stepper.tolerances
-        rtol = min(max(LEAST_RTOL, given.rtol * ratio), _LARGEST_RTOL)
-        tolerances = given._replace(rtol=rtol, atol=given.atol * ratio, max_steps=NEVER)
+        stepper, tolerances = self.stepper, companion_tolerances(self.stepper.tolerances, ratio)
         start = *stepper.start, guarded(stepper.params)
         other = VariableStepper(stepper.system, (stepper.t0, stepper.t_end), *start, tolerances, self.times)
         found = carry_out(VariableRun(other, 1, self.times).begin, cancel, raise_on_failure=False)
@@ -283,3 +281,9 @@ class VariableRun(Run):
     def _progress(self) -> int:
         stepper = self.stepper
         return round(100 * (stepper.t - stepper.t0) / (stepper.t_end - stepper.t0))
+
+
+def companion_tolerances(given: Tolerances, ratio: float) -> Tolerances:
+    """Return the tolerances of a run that is compared with a run."""
+    rtol = min(max(LEAST_RTOL, given.rtol * ratio), _LARGEST_RTOL)
+    return given._replace(rtol=rtol, atol=given.atol * ratio, max_steps=NEVER)
