@@ -124,6 +124,7 @@ def _with_steps(members: Members, options: RunOptions, steps: int) -> tuple[Memb
 
 
 def _with_tolerances(options: RunOptions, ratio: float) -> RunOptions:
+    assert options.tolerances
     tolerances = companion_tolerances(options.tolerances, ratio)
     every = None if options.save_every is None else 1
     return options._replace(tolerances=tolerances, save_every=every)

@@ -91,10 +91,8 @@ def ensemble(
         The parameters. rhs gets the parameters of a member as p, of shape (k,). A named array whose first axis has the
         length m has a value for each member; it is refused if rhs could take it as a whole.
     rtol, atol, method, save_every, t_eval, events, invariants, outputs, invariants_every : optional
-    h_max, first_step, max_steps, progress, cancel : optional
+    h_max, first_step, max_steps, check, progress, cancel : optional
         As for `eig3.integrate`. By default only the first and the last state are saved.
-    check : bool
-        Run the ensemble with other steps too: the solution's `error` then has the errors of each member.
     threads : int
         Number of threads; by default all cores that the process may use.
     executor : concurrent.futures.Executor

@@ -64,8 +64,7 @@ class EnsembleSolution:
         For each invariant e, the maximum of |e_n - e_0| over the ends of `n_invariants` steps; NaN if e became NaN.
     extremes : dict of str to Extremes
         For each invariant and each output, its minimum `low` and its maximum `high` over the ends of all steps, and
-        their times `t_low` and `t_high`: arrays of shape (m,), or (m, k) for an output with k values. The peak of a
-        sine of angular frequency omega is too low by a relative error of up to ``(omega * h)**2 / 8``.
+        their times `t_low` and `t_high`: arrays of shape (m,), or (m, k) for an output with k values.
     outputs : dict of str to ndarray, shape (m, s) or (m, s, k)
         The values of each output at the saved states.
     params : ndarray, shape (m, k) or (k,)
@@ -93,8 +92,7 @@ class EnsembleSolution:
     labels : Labels or None
         Names and units of the degrees of freedom, in an ensemble of a problem.
     error : MemberErrors or None
-        With ``check=True``, the estimated errors of the members: ``error[i]``, and `largest`, `order` and
-        `reliable_until` of all. Copies and files do not keep it.
+        With ``check=True``, the estimated errors of the members, ``error[i]``. Copies and files do not keep it.
     """
 
     t: np.ndarray
