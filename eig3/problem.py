@@ -31,6 +31,7 @@ from .methods import Method
 from .result import storage
 from .result.labels import Labels
 from .result.solution import Solution
+from .run.accuracy import check_goal, reach, refuse_without_accuracy
 from .run.loading import with_functions
 from .run.prepare import Prepared
 from .stepping.options import run_options
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 Draw = Callable[[Any, Solution], None]
 
 _START = ("u0", "v0", "params")
+_OF_AN_ACCURACY = ("accuracy", "scale", "max_seconds")
 _OF_A_CALL = ("check", "progress", "raise_on_failure", "cancel", "save_to")  # the options of a single run
 _ENERGY_EVERY = 100  # steps: the energy then usually costs less than 5 % of a run
 _OF_RHS = ("rhs", "quadratures")  # fields that change only with the right-hand side
@@ -223,7 +225,7 @@ class Problem:
         Parameters
         ----------
         h, method
-            As for `eig3.integrate`. Give h, or rtol among the other options.
+            As for `eig3.integrate`. Give h, or rtol or accuracy among the other options.
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
         **options
@@ -239,8 +241,14 @@ class Problem:
         """
         _refuse_fields(options, "integrate")
         of_call = {name: options.pop(name) for name in _OF_A_CALL if name in options}
-        span = None if t_end is None else (self.t_span[0], t_end)
-        return self.prepare(h=h, method=method, **options)(span, **of_call)
+        span = self.t_span if t_end is None else (self.t_span[0], t_end)
+        accuracy, *further = (options.pop(name, None) for name in _OF_AN_ACCURACY)
+        options |= {"h": h, "method": method}
+        if accuracy is not None:
+            goal = check_goal(accuracy, *further)
+            return reach(goal, self.rhs, self.prepare, options, (span,), of_call)
+        refuse_without_accuracy(**dict(zip(_OF_AN_ACCURACY[1:], further, strict=True)))
+        return self.prepare(**options)(span, **of_call)
 
     @with_suggestions(run_options)
     def prepare(self, **options: Any) -> Prepared:

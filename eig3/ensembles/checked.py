@@ -14,6 +14,7 @@ from ..run.run import check_repeatable
 from ..run.variable_run import companion_tolerances
 from ..stepping.march import Cancel
 from ..stepping.options import RunOptions
+from ..stepping.tolerances import LEAST_RTOL
 from .in_process import Run
 from .members import Members
 from .solution import EnsembleSolution
@@ -88,7 +89,10 @@ def errors_of_members(
     """Run the ensemble with finer and with coarser steps."""
     others: list[tuple[Members, RunOptions] | None]
     if options.has_tolerances:
-        others = [(members, _with_tolerances(options, ratio)) for ratio in (1 / _RATIO, _RATIO)]
+        assert options.tolerances
+        has_finer = options.tolerances.rtol >= _RATIO * LEAST_RTOL
+        ratios = (1 / _RATIO, _RATIO) if has_finer else (_RATIO,)
+        others = [*((members, _with_tolerances(options, ratio)) for ratio in ratios), None][:2]
     else:
         others = [_with_steps(members, options, steps) for steps in (_finer(members, options), 1)]
     fine, coarse = (None if other is None else Run(rhs, *other, threads).march(cancel=cancel) for other in others)

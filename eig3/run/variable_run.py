@@ -96,8 +96,10 @@ class VariableRun(Run):
         return run.begin(self, self._rows_kept() if times is None else stepper.n_wanted)
 
     def companions(self, solution: Solution, cancel: Cancel | None) -> tuple[Companion, Companion | None]:
-        fine = self._companion(solution, 1 / _RATIO, "a run with a tenth of the tolerance", cancel)
-        return fine, self._companion(solution, _RATIO, "a run with ten times the tolerance", cancel)
+        coarse = self._companion(solution, _RATIO, "a run with ten times the tolerance", cancel)
+        if self.stepper.tolerances.rtol < _RATIO * LEAST_RTOL:
+            return coarse, None  # no run has a smaller error: the difference is at least the error
+        return self._companion(solution, 1 / _RATIO, "a run with a tenth of the tolerance", cancel), coarse
 
     def _companion(self, solution: Solution, ratio: float, name: str, cancel: Cancel | None) -> Companion:
         """Return the run with other tolerances."""
