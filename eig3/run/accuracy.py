@@ -56,7 +56,7 @@ class Goal(NamedTuple):
         largest, found = solution.error.largest, {}
         for name, wanted in self.wanted.items():
             if name == "drift":
-                sizes = solution.drift and [
+                sizes = [
                     drift / self._size(np.array([solution.extremes[each].low, solution.extremes[each].high]))
                     for each, drift in solution.drift.items()
                 ]
