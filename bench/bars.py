@@ -12,8 +12,8 @@ from eig3.methods import EIG3, METHODS, Method
 from eig3.stability import limit
 
 from . import text
+from .choices import add_repeats
 from .environment import in_words
-from .options import add_repeats
 from .timing import continued_run, medians
 
 SUMMARY = "bars of up to a million masses, at the stability limit"

@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
+from eig3.command_line import add_methods
 from eig3.methods import METHODS
-from eig3.options import add_methods
 from eig3.problem import Problem
 
 from . import handwritten, loops, text
+from .choices import add_repeats, choose
 from .environment import in_words
-from .options import add_repeats, choose
 from .timing import Storage, interleave
 
 SUMMARY = "ns/step of every method, compared with the article's algorithms in C"

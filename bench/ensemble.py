@@ -19,18 +19,18 @@ from typing import Any
 import numpy as np
 
 from eig3 import problems
+from eig3.command_line import count
 from eig3.ensembles.lanewise import layout_of
 from eig3.ensembles.members import check_members
 from eig3.kernels.lanes import compile_rhs
 from eig3.methods import METHODS
-from eig3.options import count
 
 from . import text
+from .choices import add_problems, add_repeats, choose
 from .ensemble_cases import CASES, CASES_WITH_TOLERANCES, SAMPLES, Case
 from .ensemble_rivals import ENSEMBLE_RIVALS, Run, jax_eig3
 from .ensemble_tolerances import tolerance_tables
 from .environment import in_words
-from .options import add_problems, add_repeats, choose
 from .rivals.rival import is_installed
 from .timing import interleave, medians, seconds_of
 

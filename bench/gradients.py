@@ -17,8 +17,8 @@ import numpy as np
 import eig3
 
 from . import text
+from .choices import add_repeats
 from .environment import in_words
-from .options import add_repeats
 from .rivals.rival import is_installed
 from .rivals.symbolic import jax_with_doubles
 from .timing import medians, seconds_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 
-from eig3.options import count
+from eig3.command_line import count
 
 from . import text
 from .hard_cases import HARD_CASES

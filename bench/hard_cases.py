@@ -21,8 +21,8 @@ from eig3.stability import limit, spectral_radius
 
 from .article import TABLES
 from .characteristic import gyroscope_growth
+from .choices import ARTICLE_METHODS
 from .hardening_orbit import AMPLITUDE, S1, S2, eig_power, energy_after, harmonics, one_step_power
-from .options import ARTICLE_METHODS
 
 _ROWS = 2**18  # states in a chunk
 _FORCED = 96.0  # duration of a run with a force of frequency 1: a multiple of its steps

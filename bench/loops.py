@@ -15,7 +15,7 @@ from eig3.problem import Problem
 
 from . import handwritten
 from .article import method_of
-from .options import ARTICLE_METHODS
+from .choices import ARTICLE_METHODS
 from .timing import Storage, kernel_run
 
 #: Steps of a timed run.

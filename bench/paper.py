@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from eig3.options import Files, add_out, count
+from eig3.command_line import Files, add_out, count
 
 from . import pictures, text
 from .article import FOOTNOTES, TABLES, Entry, Table

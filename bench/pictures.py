@@ -9,13 +9,13 @@ import textwrap
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from eig3.command_line import Files
 from eig3.drawing import NO_PICTURES
-from eig3.options import Files
 
 from .article_runs import MeasuredTable
+from .choices import ARTICLE_METHODS
 from .matrix import AT_MOST, Matrix, abbreviated, in_units, lead, power
 from .modes import MODES
-from .options import ARTICLE_METHODS
 from .reach import Contest, front
 from .reference import METRICS
 from .rivals import RIVALS

@@ -16,8 +16,8 @@ from eig3.problem import Problem
 from eig3.run.fixed_run import divide
 
 from . import text
+from .choices import add_problems, add_repeats, choose
 from .environment import in_words
-from .options import add_problems, add_repeats, choose
 from .problem_set import PROBLEM_SET, BenchmarkProblem
 from .reach import reach
 from .reference import Judge, reference

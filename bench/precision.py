@@ -11,13 +11,13 @@ from functools import partial
 from itertools import groupby
 from pathlib import Path
 
+from eig3.command_line import Files, add_methods, add_out, method_name
 from eig3.methods import LIBRARY
-from eig3.options import Files, add_methods, add_out, method_name
 
 from . import pictures, text
+from .choices import add_accuracies, add_problems, add_repeats, choose
 from .environment import environment, in_words
 from .modes import MODES
-from .options import add_accuracies, add_problems, add_repeats, choose
 from .problem_set import PROBLEM_SET, VARIABLE_SPEED
 from .reach import Contest, Reach, contests, front, reach
 from .reference import METRICS

@@ -13,18 +13,18 @@ import numpy as np
 
 import eig3
 from eig3 import effects
+from eig3.command_line import Files, add_out
 from eig3.effects import Body
 from eig3.functions.callbacks import jit
 from eig3.kernels.compile.jit import compiled
 from eig3.kernels.protocol import VECTOR
-from eig3.options import Files, add_out
 from eig3.problem import Problem
 from eig3.scene import Scene, codegen
 from eig3.stepping.stepper import Stepper
 
 from . import near_pairs, pictures, rods, squeezers, text
+from .choices import add_repeats
 from .environment import in_words
-from .options import add_repeats
 from .scene_pairs import ROD, SCENE_PAIRS, crowded, growing
 from .timing import kernel_run, medians
 

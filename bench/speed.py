@@ -3,13 +3,13 @@
 import argparse
 from collections.abc import Callable, Sequence
 
+from eig3.command_line import add_methods
 from eig3.methods import METHODS
-from eig3.options import add_methods
 from eig3.problem import Problem
 
 from . import loops, text
+from .choices import add_repeats, choose
 from .environment import in_words
-from .options import add_repeats, choose
 from .timing import Storage, medians
 
 SUMMARY = "ns/step of every method, compared with loops written by hand"

@@ -13,7 +13,7 @@ from eig3.methods import METHODS, Method
 from eig3.problem import Problem
 from eig3.stability import damping_ratio, limit, period_error, spectral_radius, stable_region
 
-from .options import ARTICLE_METHODS
+from .choices import ARTICLE_METHODS
 from .pictures import new_figure
 from .stability_sets import ARTICLE_DAMPED, EIG3_SETS, FAMILY_DAMPED, UNSTABLE_SETS, evaluations_per_step
 from .styles import style_of

@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 
 from eig3 import problems
+from eig3.command_line import count
 from eig3.methods import METHODS
-from eig3.options import count
 from eig3.problem import Problem
 
 from . import text
 from .c import compile_with, has_compiler, version
+from .choices import add_repeats
 from .environment import in_words
-from .options import add_repeats
 from .rivals import opensees
 from .solids import cube, size
 from .timing import continued_run, interleave, medians

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from eig3 import problems
+from eig3.bench.choices import ARTICLE_METHODS
 from eig3.bench.loops import ARTICLE_PROBLEMS, N_STEPS
-from eig3.bench.options import ARTICLE_METHODS
 
 
 @pytest.mark.parametrize("mode", ["pointer", "inline"])

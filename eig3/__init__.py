@@ -5,7 +5,7 @@ from typing import Any
 
 from ._version import __version__
 from .diagnosis.critical import CriticalStep, NoCriticalStepError, critical_step
-from .ensembles.run import ensemble
+from .ensembles.ensemble import ensemble
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import jit
 from .functions.events import Event, Occurrences
@@ -33,10 +33,10 @@ from .planning.planner import Plan, plan
 from .problem import Problem
 from .result.error_estimate import ErrorEstimate
 from .result.solution import Solution, Status
+from .run.chunks import IntegrationError
 from .run.integration import integrate
 from .run.loading import load
 from .run.prepare import Prepared, prepare
-from .run.run import IntegrationError
 from .stepping.stepper import Stepper
 
 __all__ = [

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 from .animation import Curves
 from .animation.animate import View, animate
 from .diagnosis.critical import CriticalStep, critical_step, of_encounters, with_encounters
+from .ensembles.ensemble import ensemble
 from .ensembles.named_members import of_members
-from .ensembles.run import ensemble
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import check_callback, reads_velocity
 from .functions.checks import check_method, check_names, check_params, check_span, check_state, reals
@@ -34,7 +34,7 @@ from .result.solution import Solution
 from .run.accuracy import check_goal, reach, refuse_without_accuracy
 from .run.loading import with_functions
 from .run.prepare import Prepared
-from .stepping.options import run_options
+from .stepping.run_options import run_options
 from .stepping.stepper import Stepper
 
 if TYPE_CHECKING:

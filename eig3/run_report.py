@@ -13,9 +13,9 @@ import numpy as np
 from . import drawing
 from .animation.film import is_resolved
 from .animation.writers import check_writer
+from .command_line import Files, file_name
 from .functions.checks import check_h, check_span
 from .methods import Method
-from .options import Files, file_name
 from .planning.suggested_step import first_step
 from .problem import Problem
 from .result.solution import Solution

@@ -154,7 +154,7 @@ MUTANTS = {
     ("eig3/structures/matrices.py", "test_linear.py -k lumped_masses"): [
         ("(total / of_diagonal)[part]", "(of_diagonal / total)[part]")
     ],
-    ("eig3/structures/members.py", "test_frame.py -k 'cantilever or hinges'"): [
+    ("eig3/structures/frame_members.py", "test_frame.py -k 'cantilever or hinges'"): [
         ("length**2 / 24", "length**2 / 12"),
         ("4 * length**2", "4.2 * length**2"),
     ],

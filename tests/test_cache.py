@@ -16,7 +16,7 @@ import pytest
 
 import eig3
 from eig3.cli import main
-from eig3.kernels import bodies
+from eig3.kernels import carried_points
 from eig3.kernels.compile import cache, content
 from eig3.kernels.compile.jit import symbol_of, with_symbol
 from eig3.kernels.compile.numba_internals import NoFolderError, cache_of
@@ -400,8 +400,8 @@ def test_a_function_is_looked_for_once_to_find_its_symbol(monkeypatch):
 
 def test_a_function_of_the_library_that_is_loaded_has_the_symbol_of_its_code(monkeypatch):
     asked = []
-    monkeypatch.setattr(bodies.gather.py_func, "made", lambda: asked.append("gather"))
-    assert cache.CheckedCache(bodies.gather.for_python).find_key()
+    monkeypatch.setattr(carried_points.gather.py_func, "made", lambda: asked.append("gather"))
+    assert cache.CheckedCache(carried_points.gather.for_python).find_key()
     assert asked == ["gather"]
 
 

@@ -13,11 +13,11 @@ import eig3
 from eig3 import problems
 from eig3.bench import BENCHMARKS, article_runs, loops, paper, precision, stability, text, timing
 from eig3.bench.article import TABLES, Table
-from eig3.bench.options import ARTICLE_METHODS
+from eig3.bench.choices import ARTICLE_METHODS
 from eig3.bench.sweep import WorkPrecisionSet
 from eig3.cli import main
+from eig3.command_line import Files
 from eig3.methods import LIBRARY
-from eig3.options import Files
 from eig3.run_report import run
 
 WITH_OUT = ("paper", "precision", "stability", "scenes", "report")

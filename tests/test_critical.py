@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 import eig3
 from eig3 import NoCriticalStepError, critical_step, problems
 from eig3.diagnosis.critical import _sees_rates, critical, longest_stable_step
-from eig3.diagnosis.linear import Linearised
+from eig3.diagnosis.linearisation import Linearised
 from eig3.effects import Coulomb, Gravity, HertzContact, LennardJones, PlaneContact
 from eig3.kernels.methods import eig
 from eig3.planning.pilots import Pilots, Run
-from eig3.planning.search import Search
+from eig3.planning.step_search import Search
 from eig3.scene import Scene
 from eig3.stability import alternating_limit, limit, practical_limit
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eig3
-from eig3.ensembles import in_process, lanewise, run
+from eig3.ensembles import ensemble, in_process, lanewise
 from eig3.kernels.lanes import Layout, compile_rhs
 from eig3.kernels.protocol import SCALAR, VECTOR
 
@@ -622,7 +622,7 @@ def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
 
 @pytest.mark.usefixtures("python_handler")
 @pytest.mark.parametrize(
-    ("module", "name"), [(run, "check_members"), (in_process, "check_callback"), (lanewise, "compile_rhs")]
+    ("module", "name"), [(ensemble, "check_members"), (in_process, "check_callback"), (lanewise, "compile_rhs")]
 )
 def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch, module, name):
     """Before the first member begins, the arguments are checked and functions are compiled."""

@@ -16,7 +16,7 @@ from eig3 import Event, Status
 from eig3.functions.guard import guarded
 from eig3.kernels.protocol import SCALAR
 from eig3.problems.bouncing_ball import bouncing_ball, impact_times
-from eig3.stepping.options import run_options
+from eig3.stepping.run_options import run_options
 from eig3.stepping.stepper import Stepper
 from eig3.stepping.system import System
 

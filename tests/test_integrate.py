@@ -95,7 +95,7 @@ def test_drift_is_that_of_every_step(save_every):
 
 
 def test_drift_of_a_vector_run_over_many_chunks(monkeypatch):
-    monkeypatch.setattr("eig3.run.run._CHUNK_SECONDS", 1e-5)
+    monkeypatch.setattr("eig3.run.chunks._CHUNK_SECONDS", 1e-5)
     options = {"h": 0.01, "params": (1, 2, 3), "invariants": {"first": first_position}}
     run = integrate(coupled, (0, 50), [1.0, 2.0, 3.0], [0.0] * 3, save_every=13, **options)
     every = integrate(coupled, (0, 50), [1.0, 2.0, 3.0], [0.0] * 3, **options)

@@ -11,8 +11,8 @@ import pytest
 
 import eig3
 from eig3.cli import main
+from eig3.command_line import method_name
 from eig3.functions.checks import check_method
-from eig3.options import method_name
 
 from .conftest import harmonic
 

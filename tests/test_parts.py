@@ -20,7 +20,7 @@ from eig3.ensembles import lanewise
 from eig3.ensembles.members import check_members
 from eig3.ensembles.parts import Joined, Listed, parts_of
 from eig3.kernels.protocol import SCALAR, VECTOR
-from eig3.stepping.options import run_options
+from eig3.stepping.run_options import run_options
 
 from .conftest import BLOCKS, linear_spring
 from .test_pools import output

@@ -16,7 +16,7 @@ from eig3.cli import main
 from eig3.effects import LinearDamper, LinearSpring
 from eig3.functions.checks import check_method
 from eig3.methods import LIBRARY
-from eig3.planning import pilots, planner, search
+from eig3.planning import pilots, planner, step_search
 from eig3.scene import Scene
 
 OTHER_GRADES = [
@@ -128,7 +128,7 @@ def test_a_step_limited_by_stability_has_a_note_and_is_stable():
 
 def test_a_part_of_the_span_is_enough(monkeypatch):
     """The error of the phase grows with time: 16 times as far over the whole span."""
-    monkeypatch.setattr(search, "_TRIALS", ((1 / 16, search.GUIDE, 0.3),))
+    monkeypatch.setattr(step_search, "_TRIALS", ((1 / 16, step_search.GUIDE, 0.3),))
     problem = problems.single_dof(t_end=200.0)
     (prediction,) = eig3.plan(problem, 1e-4, methods=["rk4"]).predictions
     assert 0.3 <= achieved(prediction, problem) / 1e-4 <= 1.2
@@ -258,9 +258,9 @@ def test_a_load_that_begins_later_is_seen():
 
 def test_a_part_of_the_span_is_that_of_the_large_motion(monkeypatch):
     """Two runs of EIG-3 over the whole span are allowed, which do not agree enough: they calibrate those of a part."""
-    trials = ((1.0, search.GUIDE, 0.0), (1.0, search.SCOUT, 0.0), (1 / 16, search.GUIDE, 1.0))
-    monkeypatch.setattr(search, "_TRIALS", trials)
-    monkeypatch.setattr(search, "_GUIDE_WORK", 2**25)
+    trials = ((1.0, step_search.GUIDE, 0.0), (1.0, step_search.SCOUT, 0.0), (1 / 16, step_search.GUIDE, 1.0))
+    monkeypatch.setattr(step_search, "_TRIALS", trials)
+    monkeypatch.setattr(step_search, "_GUIDE_WORK", 2**25)
     problem = building(n=200, omega=3000.0, t_end=20.0, silent=6.0)
     plan = eig3.plan(problem, 1e-5, methods=["eig3", "eig5", "rk8"])
     begin, end = plan.window
@@ -318,7 +318,7 @@ def test_no_pilot_run_begins_when_its_time_is_over(monkeypatch):
     monkeypatch.setattr(pilots, "_LATEST", 0.0)
     for methods in (None, ["eig3", "rk8"]):
         plan = eig3.plan(problems.single_dof(), 1e-3, methods=methods)
-        assert {p.note for p in plan.predictions} == {search.NO_TIME}
+        assert {p.note for p in plan.predictions} == {step_search.NO_TIME}
         assert "no time was left to try it" in repr(plan)
 
 

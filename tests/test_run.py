@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from eig3 import Status, drawing, problems
 from eig3.cli import main
-from eig3.options import file_name
+from eig3.command_line import file_name
 from eig3.run_report import Balance, draw, run
 from eig3.stepping.march import March
 

@@ -123,7 +123,7 @@ def test_extended_runs_go_from_files_to_files(tmp_path):
 @pytest.mark.parametrize("system", ["scalar", "vector with work"])
 @pytest.mark.parametrize("steps", [{"h": H}, {"rtol": 1e-6}], ids=["h", "rtol"])
 def test_many_states_in_files_are_not_joined_in_memory(steps, system, tmp_path, monkeypatch):
-    monkeypatch.setattr("eig3.run.run._MOST_JOINED", 8 * 3 * 2)
+    monkeypatch.setattr("eig3.run.chunks._MOST_JOINED", 8 * 3 * 2)
     if system == "scalar":
         run, load = partial(eig3.prepare(oscillator, **steps), params=(2.0, 0.1)), partial(eig3.load, rhs=oscillator)
         given = (0.0, 1.0), 1.0, 0.0
@@ -263,7 +263,7 @@ def test_a_full_disk_loses_no_more_than_the_steps_since_the_last_record(options,
     """These are in memory, and a run that goes on from the record finds them again."""
     monkeypatch.setattr(storage, "_LEAST_PAUSE", 0.0)
     monkeypatch.setattr(storage, "_LARGEST_SHARE", 1e9)
-    monkeypatch.setattr("eig3.run.run._CHUNK_SECONDS", 1e-6)
+    monkeypatch.setattr("eig3.run.chunks._CHUNK_SECONDS", 1e-6)
     monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-6)
     monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-6)
     options = {**options, "params": (2.0, 0.1)}
@@ -384,7 +384,7 @@ def test_a_file_that_is_being_read_is_replaced_later(refusals, tmp_path, monkeyp
 def test_a_directory_is_sound_at_every_moment_of_a_run(tmp_path, monkeypatch):
     """A thread reads it again and again while runs begin and end."""
     monkeypatch.setattr(storage, "_LEAST_PAUSE", 0.0)
-    monkeypatch.setattr("eig3.run.run._CHUNK_SECONDS", 1e-4)
+    monkeypatch.setattr("eig3.run.chunks._CHUNK_SECONDS", 1e-4)
     options = {**SCALAR[1], "h": 1e-3, "events": {"down": eig3.Event(crossing)}, "outputs": {"o": energy}}
     over, failures, seen = threading.Event(), [], set()
 
@@ -530,7 +530,7 @@ def test_damage_of_a_run_that_was_killed_is_found(tmp_path, monkeypatch):
     """The rows after the last record may have any numbers, but not those before it."""
     monkeypatch.setattr(storage, "_LEAST_PAUSE", 0.0)
     monkeypatch.setattr(storage, "_LARGEST_SHARE", 1e9)
-    monkeypatch.setattr("eig3.run.run._CHUNK_SECONDS", 1e-6)
+    monkeypatch.setattr("eig3.run.chunks._CHUNK_SECONDS", 1e-6)
     monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-6)
     monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-6)
     keep, records = storage.Place.keep, []

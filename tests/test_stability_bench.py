@@ -9,7 +9,7 @@ import pytest
 import eig3
 from eig3.bench import stability as bench
 from eig3.bench import stability_pictures
-from eig3.bench.options import ARTICLE_METHODS
+from eig3.bench.choices import ARTICLE_METHODS
 from eig3.bench.stability_sets import DAMPED, FAMILY_DAMPED, GROWING, UNDAMPED, WEAK_GRADES, evaluations_per_step
 from eig3.cli import main
 from eig3.methods import LIBRARY

@@ -16,14 +16,14 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from eig3.command_line import Files, add_methods, add_out, count, folder
 from eig3.methods import LIBRARY, shown
-from eig3.options import Files, add_methods, add_out, count, folder
 from eig3.problem import Problem
 
 from .. import c
+from ..choices import add_accuracies, choose
 from ..environment import environment, in_words
 from ..modes import MODES
-from ..options import add_accuracies, choose
 from ..problem_set import PROBLEM_SET, VARIABLE_SPEED
 from ..rivals import RIVALS
 from ..typed import checked

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 from urllib.parse import quote
 
-from eig3.options import Files
+from eig3.command_line import Files
 
 from .. import paper, pictures, precision, text
 from ..environment import in_words

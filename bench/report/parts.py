@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eig3.command_line import Files
 from eig3.drawing import before_growth, histories
 from eig3.methods import LIBRARY
-from eig3.options import Files
 from eig3.problem import Problem
 
 from .. import c, hard, paper, pictures, plan, stability

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from eig3.options import Files, file_name
+from eig3.command_line import Files, file_name
 
 from .. import plan
 from ..article_runs import MeasuredTable

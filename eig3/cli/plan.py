@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..options import add_methods
+from ..command_line import add_methods
 from .problem import add_problem, builder
 
 SUMMARY = "predict which method reaches a given accuracy fastest"

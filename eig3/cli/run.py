@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..options import add_out
+from ..command_line import add_out
 from .problem import add_method_and_end, add_problem, builder
 
 SUMMARY = "integrate a problem; report its energy balance, write its history and a picture"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from importlib.util import find_spec
 
-from ..options import add_out, count
+from ..command_line import add_out, count
 from .problem import add_method_and_end, add_problem, builder
 
 SUMMARY = "run a problem for many values of its parameters, and draw the results"

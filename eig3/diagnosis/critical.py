@@ -29,7 +29,7 @@ from ..stability import (
 )
 from ..stability import limit as limit_of
 from ..stepping.stepper import Stepper
-from .linear import Linearised, linearise
+from .linearisation import Linearised, linearise
 
 _COMMUTING = 1e-5  # K and C share modes if a common eigenvector leaves a residual below this, relative to their norms
 _RIGID = 1e-7  # rates below this fraction of the largest are errors of the differences: a rigid-body mode

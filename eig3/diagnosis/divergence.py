@@ -16,7 +16,7 @@ import numpy as np
 
 from ..stepping.stepper import Stepper
 from .critical import CriticalStep, NoStableStepError, critical
-from .linear import linearise
+from .linearisation import linearise
 from .singular_position import AT_SINGULAR, is_singular, ways_past
 
 _OVERFLOWING = 1e100  # even a correct right-hand side may overflow for larger states

@@ -17,7 +17,7 @@ from ..kernels.constraints import FLOATS, HEAD, Areas
 from ..kernels.protocol import BEFORE_END
 from ..methods import EIG3
 from ..stepping.march import Rows
-from ..stepping.options import NEVER, RunOptions
+from ..stepping.run_options import NEVER, RunOptions
 from ..stepping.stepper import Stepper
 from ..stepping.system import remembered
 from ..stepping.tolerances import check_tolerances, usual_method

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..methods import Method
 from ..stability import eigenvalues, oscillator_matrices
-from .linear import fast_rates
+from .linearisation import fast_rates
 
 #: A shorter run is faster than a run with an implicit method.
 MANY_STEPS = 2000

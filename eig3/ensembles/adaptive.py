@@ -24,7 +24,7 @@ from ..kernels.protocol import EVENT_VALUES, EVENTS, SEARCHES, Span
 from ..result.memory import aligned
 from ..stepping.march import Cancel
 from ..stepping.observer import Observer
-from ..stepping.options import NEVER
+from ..stepping.run_options import NEVER
 from ..stepping.slices import Slices
 from .lanewise import Setup
 from .single_members import Alone

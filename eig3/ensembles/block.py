@@ -12,10 +12,10 @@ from ..diagnosis.divergence import became_non_finite, lost_constraints
 from ..functions.guard import not_finite_at_start
 from ..kernels.protocol import SCALAR, VECTOR
 from ..result.solution import Status
+from ..run.chunks import unwritten_entry
 from ..run.growth import BLOWN_UP, OVERFLOWING, natural_sizes
-from ..run.run import unwritten_entry
 from ..stepping.march import Cancel
-from ..stepping.options import NEVER
+from ..stepping.run_options import NEVER
 from .lane_observer import search_steps
 from .lane_state import LaneState
 from .lanewise import FIRST_CHUNK, Setup

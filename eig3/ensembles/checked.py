@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from ..result.error_estimate import Companion, ErrorEstimate, estimate
-from ..run.run import check_repeatable
+from ..run.chunks import check_repeatable
 from ..run.variable_run import companion_tolerances
 from ..stepping.march import Cancel
-from ..stepping.options import RunOptions
+from ..stepping.run_options import RunOptions
 from ..stepping.tolerances import LEAST_RTOL
 from .in_process import Run
 from .members import Members

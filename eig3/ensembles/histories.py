@@ -15,9 +15,9 @@ from ..kernels.protocol import SCALAR, TERMINAL
 from ..result.columns import OF_RUNS, each
 from ..result.memory import check_members_history, n_rows
 from ..result.solution import Solution, Status, whole_rows
-from ..run.run import ended_by_event
+from ..run.chunks import ended_by_event
 from ..stepping.followed import n_invariants, spacing_of
-from ..stepping.options import RunOptions
+from ..stepping.run_options import RunOptions
 from .members import Members
 from .occurrences import MemberOccurrences
 from .solution import EnsembleSolution, widened

@@ -20,7 +20,7 @@ from ..kernels.compile.interrupt import DeferredInterrupt
 from ..run.progress import Progress
 from ..stepping.march import Cancel, March
 from ..stepping.observer import further_times
-from ..stepping.options import RunOptions
+from ..stepping.run_options import RunOptions
 from ..stepping.team import alone
 from .adaptive import AdaptiveBlock
 from .block import Block

@@ -10,7 +10,7 @@ from ..kernels.protocol import DUE, EVALUATIONS, EVENTS, PART_END, SPACING, T_LO
 from ..result.memory import aligned
 from ..stepping.followed import spacing_of
 from ..stepping.march import Cancel
-from ..stepping.options import NEVER
+from ..stepping.run_options import NEVER
 from ..stepping.slices import Slices
 from .lane_observer import LaneObserver
 from .lanewise import Setup

@@ -20,7 +20,7 @@ from ..kernels.loops.fixed import wide_kernel
 from ..kernels.protocol import FOLLOWS, SEARCHES
 from ..methods import Method
 from ..run.prepare import Prepared
-from ..stepping.options import RunOptions
+from ..stepping.run_options import RunOptions
 from .histories import Histories
 from .members import Members
 from .single_members import Singles

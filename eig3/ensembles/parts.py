@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from ..stepping.march import Cancel
-from ..stepping.options import RunOptions
+from ..stepping.run_options import RunOptions
 from .files import Directory
 from .lanewise import FEWEST_MEMBERS
 from .members import Members

@@ -14,7 +14,7 @@ from ..methods import Method
 from ..result.solution import Solution, Status
 from ..run.prepare import Prepared
 from ..stepping.march import Cancel
-from ..stepping.options import RunOptions
+from ..stepping.run_options import RunOptions
 from .histories import Histories
 from .members import Members
 

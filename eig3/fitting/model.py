@@ -13,7 +13,7 @@ from ..functions.checks import check_params
 from ..functions.guard import NotFiniteAtStartError
 from ..problem import Problem
 from ..result.solution import Solution
-from ..run.run import IntegrationError
+from ..run.chunks import IntegrationError
 from .data import Series
 from .places import Place, said
 

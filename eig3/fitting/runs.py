@@ -13,7 +13,7 @@ from ..methods import Method
 from ..problem import Problem
 from ..result.interpolation import Knots
 from ..result.solution import Solution
-from ..run.run import IntegrationError
+from ..run.chunks import IntegrationError
 from .places import Place, said, varied
 from .resampling import resampled
 from .series import History

@@ -22,7 +22,7 @@ from ..functions.guard import guarded
 from ..methods import EIG3, Method
 from ..problem import Problem
 from ..result.solution import Solution, Status
-from ..stepping.options import RunOptions
+from ..stepping.run_options import RunOptions
 from ..stepping.stepper import Stepper
 from ..stepping.system import System
 

@@ -16,7 +16,7 @@ from ..problem import Problem
 from ..result.solution import Solution
 from .other_packages import faster_elsewhere
 from .pilots import Pilots, save_every, tolerances
-from .search import NO_TIME, SCOUT, Search, guide
+from .step_search import NO_TIME, SCOUT, Search, guide
 from .tolerance_search import VARIABLE, ToleranceSearch
 
 EXTRAPOLATED = "extrapolated from longer steps"  # the note of a less accurate prediction

@@ -7,7 +7,7 @@ import math
 from ..methods import RK5, RK8, RKN12, Method
 from ..stepping.tolerances import LEAST_RTOL
 from .pilots import Pilots, Run
-from .search import NO_TIME, Timed
+from .step_search import NO_TIME, Timed
 
 VARIABLE: tuple[Method, ...] = (RK8(), RKN12(), RK5())  # the methods that are tried with tolerances
 _MOST_RUNS = 8

@@ -14,10 +14,10 @@ from ..functions.checks import check_method, check_span, reals, shown
 from ..functions.layout import unknown_name
 from ..methods import RK5, RK8, RKN12
 from ..result.solution import Solution, Status
-from ..stepping.options import RunOptions
+from ..stepping.run_options import RunOptions
 from ..stepping.tolerances import LEAST_RTOL
+from .chunks import IntegrationError
 from .prepare import Prepared
-from .run import IntegrationError
 
 _AIM = 0.5  # the next run aims at this fraction of the accuracy
 _FIRST_RTOL = 0.1  # of the accuracy; the error of a whole run is larger than the error of a step

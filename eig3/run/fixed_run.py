@@ -21,13 +21,13 @@ from ..result.storage import Place, going_on
 from ..stability import alternating_limit
 from ..stepping.march import Cancel
 from ..stepping.observer import check_times, further_times
-from ..stepping.options import NEVER
+from ..stepping.run_options import NEVER
 from ..stepping.stepper import Stepper
 from ..stepping.system import System
+from .chunks import Run, carry_out
 from .growth import Growth
 from .history import History
 from .progress import check_progress
-from .run import Run, carry_out
 
 _LARGEST_GRADE = 7  # with a higher grade of EIG and a force that reads the velocity, a note advises against it
 

@@ -15,7 +15,7 @@ from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.solution import Solution
 from ..stepping.march import Cancel
-from ..stepping.options import run_options
+from ..stepping.run_options import run_options
 from .accuracy import check_goal, reach, refuse_without_accuracy
 from .prepare import Prepared
 

@@ -18,7 +18,7 @@ from ..keywords import with_suggestions
 from ..result import storage
 from ..result.labels import Labels
 from ..result.solution import Solution
-from ..stepping.options import RunOptions
+from ..stepping.run_options import RunOptions
 from ..stepping.system import System
 from .fixed_run import FixedRun
 from .variable_run import VariableRun

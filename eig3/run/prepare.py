@@ -23,15 +23,15 @@ from ..result.solution import Solution
 from ..result.storage import Place
 from ..stepping.march import Cancel, March
 from ..stepping.observer import check_times
-from ..stepping.options import NEVER, RunOptions, run_options
+from ..stepping.run_options import NEVER, RunOptions, run_options
 from ..stepping.stepper import Stepper
 from ..stepping.system import System, remembered
 from ..stepping.tolerances import Tolerances, usual_method
 from ..stepping.variable_stepper import VariableStepper
 from . import short
+from .chunks import Run, carry_out, check_repeatable
 from .fixed_run import FixedRun, divide
 from .progress import check_progress
-from .run import Run, carry_out, check_repeatable
 from .variable_run import VariableRun
 
 _OF_A_CALL = "t_span", "u0", "v0", "params", "check", "progress", "raise_on_failure", "cancel", "save_to"

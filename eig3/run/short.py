@@ -20,9 +20,9 @@ from ..kernels.loops.evaluation import guarded_kernel
 from ..kernels.protocol import AT_END, BEFORE_END, GOING, NEXT, REJECTED, SCALAR, STEP_BEFORE, TERMINAL, TIME
 from ..result.solution import Solution
 from ..stepping.stepper import Stepper
+from .chunks import Run, ended_by_event, solution_of
 from .fixed_run import grid
 from .growth import STRANGE, natural_sizes
-from .run import Run, ended_by_event, solution_of
 
 _NONE = np.empty(0)
 # Duration of a short run, by the time per step of an earlier run. Ctrl-C waits for it. Slices would take a fifth longer

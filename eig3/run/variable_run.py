@@ -18,14 +18,14 @@ from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import going_on
 from ..stepping.march import Cancel
 from ..stepping.observer import check_times, further_times
-from ..stepping.options import NEVER
+from ..stepping.run_options import NEVER
 from ..stepping.system import System
 from ..stepping.tolerances import LEAST_RTOL, Tolerances
 from ..stepping.variable_stepper import VariableStepper
+from .chunks import Run, Stop, carry_out
 from .growth import OVERFLOWING
 from .history import FIRST_ROWS, History
 from .progress import check_progress
-from .run import Run, Stop, carry_out
 
 _NAMED = 5  # degrees of freedom that a note names
 _RATIO = 10  # ratio of the tolerances of the runs that show the error,

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..kernels import bodies, neighbours
+from ..kernels import carried_points, neighbours
 from .assembly import Assembly
 from .constraint_text import ConstraintText
 from .source import Source, entry
@@ -49,7 +49,7 @@ class BodiesText(Text):
         self._weights = source.add(1 / cloud.masses[cloud.is_own])
         self._scratch = source.add(np.zeros(3 * self._degrees))
         source.functions |= {name: getattr(neighbours, name) for name in ("memory", "floats", "integers")}
-        source.functions |= {name: getattr(bodies, name) for name in ("spread", "gather", "change")}
+        source.functions |= {name: getattr(carried_points, name) for name in ("spread", "gather", "change")}
 
     def forces(self) -> None:
         """Gather the accelerations of all points."""
@@ -144,7 +144,7 @@ class BodiesText(Text):
             return f"{name} = batch()[: len({like}) + {more}]"
         return f"{name} = floats(kept, {self._scratch + k * self._degrees}, len({like}) + {more})"
 
-    # The same as `eig3.kernels.bodies`, for few points
+    # The same as `eig3.kernels.carried_points`, for few points
 
     def _unrolled_spread(self, x: str, everything: str) -> None:
         for axis in range(self._d):

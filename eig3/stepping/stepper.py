@@ -30,7 +30,7 @@ from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.memory import aligned, check_workspace
 from .march import Cancel, March, Rows
-from .options import NEVER, RunOptions
+from .run_options import NEVER, RunOptions
 from .slices import Slices
 from .system import Kernel, System
 

@@ -16,7 +16,7 @@ from ..kernels.compile.numba_internals import address_of
 from ..kernels.protocol import EVENT_VALUES, EVENTS, FOLLOWS, SEARCHES, Form
 from ..methods import Method
 from .followed import Followed
-from .options import RunOptions
+from .run_options import RunOptions
 from .team import Shares
 
 _MOST_REMEMBERED = 16  # largest number of cached systems of one right-hand side

@@ -7,8 +7,8 @@ except ImportError as error:
 
 from .damping import Modal, Rayleigh
 from .frame import Frame
+from .frame_members import Section
 from .linear import linear
-from .members import Section
 from .modal import modal_solution
 from .modes import Modes
 from .responses import absolute_motion, base_shear, ground_motion, storey_drifts

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..functions.callbacks import jit
 from ..kernels.compile.jit import element
-from .members import DIRECTIONS, Member
+from .frame_members import DIRECTIONS, Member
 
 
 def chords(names: Sequence[str], members: Sequence[tuple[str, str, Member]]) -> dict[str, np.ndarray]:

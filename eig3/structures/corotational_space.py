@@ -20,7 +20,7 @@ import numpy as np
 from ..functions.callbacks import jit
 from ..kernels.compile.jit import element
 from .corotational import chords, entry
-from .members import Member
+from .frame_members import Member
 
 _SMALL = 1e-4  # below this square of an angle, series are exact to round-off
 

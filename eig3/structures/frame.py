@@ -17,9 +17,9 @@ from ..problem import Problem
 from ..stability import practical_limit
 from .corotational import chords, energy_of_members, turning_members
 from .corotational_space import chords_in_space, energy_of_members_in_space, turning_members_in_space
+from .frame_members import DIRECTIONS, Member, Section
 from .linear import linear
 from .matrices import check_mass, without
-from .members import DIRECTIONS, Member, Section
 from .modes import Modes, highest_frequency, modes_of
 
 _TURNING: dict[int, Any] = {

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..command_line import MOST_DIGITS
 from ..methods import shown
-from ..options import MOST_DIGITS
 
 _NUMBER = r"[^:=]+"
 _FORM = re.compile(rf"([^:=]+)=({_NUMBER}):({_NUMBER})(?::(\d+))?(:log)?")

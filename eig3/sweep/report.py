@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..command_line import Files
 from ..drawing import NO_PICTURES
-from ..options import Files
 from ..result.solution import Status
 from . import pictures
 from .study import Study

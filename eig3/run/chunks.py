@@ -22,7 +22,7 @@ from ..result.error_estimate import Companion, ErrorEstimate, estimate
 from ..result.solution import Solution, Status
 from ..result.storage import Place
 from ..stepping.march import Cancel, Rows
-from ..stepping.options import NEVER
+from ..stepping.run_options import NEVER
 from ..stepping.system import System
 from .history import History
 from .progress import Progress

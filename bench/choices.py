@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from eig3.options import count
+from eig3.command_line import count
 
 #: The methods that the article compares.
 ARTICLE_METHODS = ("eig3", "cd", "rk2", "rk3", "rk4", "ab2", "ab3")

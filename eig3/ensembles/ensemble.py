@@ -23,7 +23,7 @@ from ..run.prepare import Prepared
 from ..run.progress import check_progress
 from ..stepping.march import Cancel
 from ..stepping.observer import check_times
-from ..stepping.options import RunOptions, run_options
+from ..stepping.run_options import RunOptions, run_options
 from .checked import check_members_repeatable, errors_of_members
 from .files import Directory
 from .in_process import Run, at_start, cores
