@@ -148,7 +148,7 @@ MUTANTS = {
         ("return float(a), float(b)", "return 0.9 * float(a), float(b)"),
         ("rates = 2 * np.broadcast", "rates = np.broadcast"),
     ],
-    ("eig3/structures/damping.py", "test_linear.py -k modes_of_a_large"): [
+    ("eig3/structures/modes.py", "test_linear.py -k modes_of_a_large"): [
         ("np.sqrt(np.maximum(squares", "np.abs(np.maximum(squares")
     ],
     ("eig3/structures/matrices.py", "test_linear.py -k lumped_masses"): [
@@ -235,6 +235,32 @@ MUTANTS = {
         ("return u_grown | v_grown | (", "return ("),
         ("self._ends // 2", "self._ends // 20"),
     ],
+    ("eig3/ensembles/histories.py", "test_ensemble.py -k 'events_that_end or own_step or last_time'"): [
+        ("(index % self.every > 0) | (t", "(index % self.every > 1) | (t"),
+        ("> 0) | (t > grid)", "> 0) | (t >= grid)"),
+        ("np.arange(rows) > last]", "np.arange(rows) >= last]"),
+        ("np.arange(rows) == last]", "np.arange(rows) > last]"),
+        ("values[later], values[places, last] = np.nan, end", "values[later], values[places, 0] = np.nan, end"),
+    ],
+    ("eig3/ensembles/block.py", "test_ensemble.py -k events_that_end"): [
+        ("np.array([index - 1, index])", "np.array([index, index])"),
+        ("np.inf).min(axis=0)", "0).max(axis=0)"),
+    ],
+    ("eig3/ensembles/adaptive.py", "test_adaptive_lanes.py -k 'events_and_times or lanes_leave'"): [
+        ("rows[~ended] = np.nan", "rows[ended] = np.nan"),
+        ("self.numbers[member[valid]], found[valid]", "self.numbers[member], found"),
+    ],
+    ("eig3/ensembles/histories.py", "test_adaptive_lanes.py -k 'steps_of_single_runs'"): [
+        ("/ np.maximum(1, n_steps)", "/ np.maximum(1, n_steps + n_rejected)"),
+        (
+            "n_rejected[chosen], self.n_rhs[chosen] = n_steps, n_rejected",
+            "n_rejected[chosen], self.n_rhs[chosen] = n_rejected, n_steps",
+        ),
+    ],
+    ("eig3/ensembles/occurrences.py", "test_adaptive_lanes.py -k 'events_and_times'"): [
+        ("first[member[::-1]] = t[::-1]", "first[member] = t"),
+        ("[i, i + 1]", "[i, i + 2]"),
+    ],
     ("eig3/ensembles/parts.py", "test_parts.py -k 'division_depends'"): [
         ("(_PARTS * _UNIT))", "(2 * _PARTS * _UNIT))")
     ],
@@ -245,6 +271,12 @@ MUTANTS = {
 
 #: What no test can notice: a file, what stands there before and after, and why.
 EQUIVALENT = [
+    (
+        "eig3/ensembles/adaptive.py",
+        "np.ones((count, lanes)),\n            np.ones",
+        "np.zeros((count, lanes)),\n            np.ones",
+        "a member that begins in a lane sets its sides",
+    ),
     ("kernels/neighbours.py", "limit >= 0 and", "limit > 0 and", "a new list has the forces of the old one"),
     ("kernels/neighbours.py", "BATCH = 192", "BATCH = 96", "a pair has the same bits at each place of a batch"),
     ("kernels/grains.py", "square <= limit", "square < limit", "at the limit, a force is shortened by the factor 1"),

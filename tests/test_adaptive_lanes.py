@@ -168,7 +168,7 @@ def test_no_lane_waits(monkeypatch):
 def test_what_lanes_leave_is_what_a_single_run_says():
     """u'' = p u^3 is singular at a finite time for p > 0; those members end as single runs do."""
     p = np.linspace(-2, 2, 40)[:, None]
-    for options in ({}, {"max_steps": 20}):
+    for options in ({}, {"events": {"slow": eig3.Event(slow)}}, {"max_steps": 20}):
         found = eig3.ensemble(cubic, (0, 4), 1.0, 0.0, rtol=1e-6, method="rk5", params=p, **options)
         for i in range(0, 40, 3):
             one = eig3.integrate(
@@ -176,6 +176,9 @@ def test_what_lanes_leave_is_what_a_single_run_says():
             )
             assert (found.status[i], found.message[i]) == (one.status, one.message)
             np.testing.assert_allclose(found[i].u[-1], one.u[-1], rtol=1e-9)
+            assert {name: len(each) for name, each in found[i].events.items()} == {
+                name: len(each) for name, each in one.events.items()
+            }  # none twice, in lanes and alone
     assert {status.name for status in found.status} == {"COMPLETED", "TOO_MANY_STEPS"}
 
 

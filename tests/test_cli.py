@@ -384,7 +384,7 @@ def test_run_takes_a_step_or_a_tolerance(capsys):
     with pytest.raises(SystemExit):
         main(["run", "duffing", "--rtol", "1e-6", "--h", "0.1"])
     assert "not allowed with argument" in capsys.readouterr().err
-    with pytest.raises(ValueError, match="h and rtol exclude each other"):
+    with pytest.raises(ValueError, match="h, rtol and accuracy exclude each other"):
         run(problems.duffing, h=0.1, rtol=1e-6)
     with pytest.raises(
         SystemExit, match="eig3 run: method must be one of 'eig3', 'rk5', 'rk8', 'rkn12' with tolerances"
