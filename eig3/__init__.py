@@ -31,6 +31,7 @@ from .methods import (
 )
 from .planning.planner import Plan, plan
 from .problem import Problem
+from .result.error_estimate import ErrorEstimate
 from .result.solution import Solution, Status
 from .run.integration import integrate
 from .run.loading import load
@@ -54,6 +55,7 @@ __all__ = [
     "CentralDifference",
     "CriticalStep",
     "EnsembleSolution",
+    "ErrorEstimate",
     "Event",
     "Extremes",
     "Fit",

@@ -7,7 +7,7 @@ from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,16 +31,21 @@ from .methods import Method
 from .result import storage
 from .result.labels import Labels
 from .result.solution import Solution
+from .run.accuracy import check_goal, reach, refuse_without_accuracy
 from .run.loading import with_functions
 from .run.prepare import Prepared
 from .stepping.options import run_options
 from .stepping.stepper import Stepper
 
+if TYPE_CHECKING:
+    from typing import Self  # since Python 3.11
+
 #: A function that draws the response on a matplotlib figure.
 Draw = Callable[[Any, Solution], None]
 
 _START = ("u0", "v0", "params")
-_OF_A_CALL = ("progress", "raise_on_failure", "cancel", "save_to")  # the options of a single run
+_OF_AN_ACCURACY = ("accuracy", "scale", "max_seconds")
+_OF_A_CALL = ("check", "progress", "raise_on_failure", "cancel", "save_to")  # the options of a single run
 _ENERGY_EVERY = 100  # steps: the energy then usually costs less than 5 % of a run
 _OF_RHS = ("rhs", "quadratures")  # fields that change only with the right-hand side
 
@@ -166,7 +171,7 @@ class Problem:
         """The names of the parameters, if they have any."""
         return getattr(self.params, "layout", None)
 
-    def with_(self, **changes: Any) -> Problem:
+    def with_(self, **changes: Any) -> Self:
         """Return a copy with some fields changed, such as ``problem.with_(u0=[0.1, 0.0], t_span=(0, 20))``.
 
         Parameters
@@ -220,7 +225,7 @@ class Problem:
         Parameters
         ----------
         h, method
-            As for `eig3.integrate`. Give h, or rtol among the other options.
+            As for `eig3.integrate`. Give h, or rtol or accuracy among the other options.
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
         **options
@@ -236,8 +241,14 @@ class Problem:
         """
         _refuse_fields(options, "integrate")
         of_call = {name: options.pop(name) for name in _OF_A_CALL if name in options}
-        span = None if t_end is None else (self.t_span[0], t_end)
-        return self.prepare(h=h, method=method, **options)(span, **of_call)
+        span = self.t_span if t_end is None else (self.t_span[0], t_end)
+        accuracy, *further = (options.pop(name, None) for name in _OF_AN_ACCURACY)
+        options |= {"h": h, "method": method}
+        if accuracy is not None:
+            goal = check_goal(accuracy, *further)
+            return reach(goal, self.rhs, self.prepare, options, (span,), of_call)
+        refuse_without_accuracy(**dict(zip(_OF_AN_ACCURACY[1:], further, strict=True)))
+        return self.prepare(**options)(span, **of_call)
 
     @with_suggestions(run_options)
     def prepare(self, **options: Any) -> Prepared:
@@ -484,8 +495,8 @@ class Problem:
 
     @property
     def labels(self) -> Labels:
-        """The names and units of the degrees of freedom."""
-        return Labels(self.names, self.units)
+        """The names and units of the degrees of freedom, and the names of the parameters."""
+        return Labels(self.names, self.units, self._layout)
 
     @property
     def uses_velocity(self) -> bool:

@@ -33,6 +33,7 @@ def run(
     *,
     h: float | None = None,
     rtol: float | None = None,
+    accuracy: float | None = None,
     method: str | Method | None = None,
     t_end: float | None = None,
     out: Path | None = None,
@@ -50,8 +51,10 @@ def run(
         The step, s. The default is the step that the problem suggests, or a tenth of the critical step.
     rtol : float, optional
         The relative tolerance, instead of a step. The states are then saved at equal distances in time.
+    accuracy : float, optional
+        The largest error of u relative to the motion, instead of a step.
     method : str or Method, optional
-        The default is "eig3", or with rtol the default of `eig3.integrate`.
+        The default is "eig3", or with rtol or accuracy the default of `eig3.integrate`.
     t_end : float, optional
         Duration, s; by default the duration of the problem.
     out : Path, optional
@@ -79,16 +82,22 @@ def run(
     options: dict[str, Any] = {"work": True} if "work" in inspect.signature(build).parameters else {}
     if t_end is not None:
         options["t_end"] = check_span((0.0, t_end))[1]
-    if h is not None and rtol is not None:
-        raise ValueError("h and rtol exclude each other: give one of them.")
+    if sum(x is not None for x in (h, rtol, accuracy)) > 1:
+        raise ValueError("h, rtol and accuracy exclude each other: give one of them.")
     if animate:
         check_writer(animate)
     problem = build(**options)
+
+    def steps(problem: Problem) -> dict[str, Any]:
+        if accuracy is not None:
+            return {"accuracy": accuracy, "method": method, "t_eval": _even_times(problem)}
+        return _steps(problem, h, rtol, method)
+
     if animate and h is not None:
         _check_film(problem, check_h(h), "eig3" if method is None else method)
     interrupt = None
     try:
-        solution = problem.integrate(**_steps(problem, h, rtol, method), invariants={})
+        solution = problem.integrate(**steps(problem), invariants={})
     except KeyboardInterrupt as error:
         if not getattr(error, "solution", None):
             raise
@@ -104,7 +113,7 @@ def run(
         files = Files(out or Path(), "eig3 run")
         lacking = "" if out is None else _save(problem, solution, balance, files)
         if animate and not interrupt:
-            resolved = _resolved(problem, solution, lambda shorter: _steps(shorter, h, rtol, method))
+            resolved = _resolved(problem, solution, steps)
             with files.writing(f"{file_name(problem.name)}.{animate}") as path:
                 problem.animate(resolved, path, t_end=solution.t[-1])
         files.finish(write, lacking)
@@ -155,7 +164,11 @@ def _fixed_steps(problem: Problem, h: float | None, method: str | Method) -> dic
 
 def _tolerances(problem: Problem, rtol: float, method: str | Method | None) -> dict[str, Any]:
     """Return the options of a run with tolerances, whose number of steps is not known in advance."""
-    return {"rtol": rtol, "method": method, "t_eval": np.linspace(*problem.t_span, _most_states(problem) + 1)}
+    return {"rtol": rtol, "method": method, "t_eval": _even_times(problem)}
+
+
+def _even_times(problem: Problem) -> np.ndarray:
+    return np.linspace(*problem.t_span, _most_states(problem) + 1)
 
 
 def _most_states(problem: Problem) -> int:

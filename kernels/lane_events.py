@@ -202,7 +202,13 @@ def seeing(form: Form, names: dict[str, Any]) -> dict[str, Any]:
 
     `names` has the values of the names in capitals that depend on the method.
     """
-    names = {**names, "EVENT": event_of(form), "SEARCH": search_of_step(form), "ROWS_OF": rows, "PROJECT": functions(form).project}
+    names = {
+        **names,
+        "EVENT": event_of(form),
+        "SEARCH": search_of_step(form),
+        "ROWS_OF": rows,
+        "PROJECT": functions(form).project,
+    }
     templates: dict[str, Any] = {"SEE": see, "BEGIN_SIGHT": begin_sight}
     return {
         **{name: element(bound(template, names)) for name, template in templates.items()},

@@ -205,11 +205,14 @@ MUTANTS = {
         ("v + h / 2 * a), v", "v - h / 2 * a), v"),
         ("_SUFFICIENT = 20", "_SUFFICIENT = 10"),
     ],
-    ("eig3/diagnosis/refinement.py", "test_refinement.py"): [
-        ("max(_LEAST, factor) ** -2", "max(_LEAST, factor) ** -1"),
-        ("_BELOW = 0.6", "_BELOW = 1.6"),
-        ("< _ROUND_OFF * size", "> _ROUND_OFF * size"),
-        ("math.log(self.factor) / math.log", "2 * math.log(self.factor) / math.log"),
+    ("eig3/result/error_estimate.py", "test_check.py"): [
+        ("_BELOW = 0.6", "_BELOW = 3.6"),
+        ("_ROUND_OFF = 1e-12", "_ROUND_OFF = 1e-16"),
+        ("_LEAST_RATIO = 2.0", "_LEAST_RATIO = 20.0"),
+        ("_NO_DIGIT = 0.5", "_NO_DIGIT = 0.05"),
+        ("_CONVERGING = 0.2", "_CONVERGING = 20.0"),
+        ("(c**middle - 1)", "(c**middle + 1)"),
+        ("1 / (1 - fine.ratio **", "1 / (1 + fine.ratio **"),
     ],
     (
         "eig3/diagnosis/divergence.py",

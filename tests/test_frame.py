@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 import eig3
 from eig3.structures import Frame, Section
-from eig3.structures.damping import natural_modes
 from eig3.structures.matrices import check_mass
+from eig3.structures.modes import natural_modes
 
 from .conftest import refusals
 
@@ -157,6 +157,74 @@ def test_a_response_is_that_of_opensees():
     u = problem.integrate(h=1e-3, method="rk8").u[-1]
     np.testing.assert_allclose(u[3:], [0.0006100237719, -4.054205965e-06, -0.0001858638844], rtol=1e-7)
     np.testing.assert_allclose(eig3.structures.modal_solution(problem, 1.0)[0][0], u, rtol=1e-11)
+
+
+# Rotations without inertia, and modes --------------------------------------------------------------------------------
+
+
+def column(inertia=0.0):
+    """A column without weight, with a mass at its top."""
+    frame = Frame()
+    frame.node("foot", 0.0, 0.0)
+    frame.node("top", 0.0, L)
+    frame.member("foot", "top", Section(E=2e11, A=1e-2, I=1e-5))
+    frame.support("foot")
+    frame.mass("top", 500.0, inertia)
+    return frame
+
+
+def test_a_rotation_without_inertia_is_condensed():
+    """A column of the stiffness 3 E I / L^3 for a force at its top, and E A / L along its axis."""
+    assert column().names == ("top.ux", "top.uy")
+    sideways, along = np.sqrt(3 * 2e11 * 1e-5 / (500 * L**3)), np.sqrt(2e11 * 1e-2 / (500 * L))
+    np.testing.assert_allclose(column().modes(2).omega, [sideways, along], rtol=1e-12)
+    assert column().highest_frequency() == pytest.approx(along, rel=1e-12)
+    problem = column().problem((0.0, 1.0), u0=[0.01, 0.0])
+    solution = problem.integrate(h=problem.h / 8, method="rk8")
+    np.testing.assert_allclose(solution.u[:, 0], 0.01 * np.cos(sideways * solution.t), rtol=0, atol=1e-9)
+    assert column(1.0).names == ("top.ux", "top.uy", "top.rz")
+
+
+def test_a_condensed_frame_is_the_limit_of_a_small_inertia():
+    """The relative error of a frequency is about the inertia over the mass times the square of a length."""
+    massless = storey()
+    massless._inertias.clear()
+    small = storey()
+    small._inertias.update(c=1e-3, d=1e-3)
+    assert massless.names == ("c.ux", "c.uy", "d.ux", "d.uy")
+    np.testing.assert_allclose(massless.modes(4).omega, small.modes(4).omega, rtol=1e-7)
+    problem = massless.problem((0.0, 1.0), damping=eig3.Rayleigh(0.02, modes=(1, 2)))
+    assert 0.85 < problem.h / problem.critical_step().limit < 0.95  # the factor is 0.9
+
+
+def test_a_rotation_without_inertia_that_nothing_holds_is_refused():
+    """The beam can turn about its axis without a force."""
+    frame = Frame(3)
+    for k in range(3):
+        frame.node(f"n{k}", float(k), 0.0, 0.0)
+    for k in range(2):
+        frame.member(f"n{k}", f"n{k + 1}", Section(E=2e11, A=1e-2, I=1e-5, G=8e10, J=3e-5, I_side=1e-5))
+    for name in ("n0", "n2"):
+        frame.support(name, "ux uy uz")
+    frame.mass("n1", 1.0)
+    with pytest.raises(ValueError, match="a rotation without inertia moves without a force: support it"):
+        frame.modes(1)
+    frame.support("n0", "rx")
+    sideways = np.sqrt(48 * 2e11 * 1e-5 / 2.0**3)
+    np.testing.assert_allclose(frame.modes(2).omega, sideways, rtol=1e-10)
+
+
+def test_a_frame_has_the_modes_of_its_problem():
+    frame = storey()
+    record = np.array([0.0, 1.0]), np.zeros(2)
+    modes = frame.modes(6)
+    np.testing.assert_allclose(modes.omega, OF_OPENSEES["portal"], rtol=5e-10)
+    again = frame.problem((0, 1), ground=record).modes(6)
+    np.testing.assert_array_equal(again.shapes, modes.shapes)
+    np.testing.assert_array_equal(again.participation, modes.participation)
+    assert modes.effective_masses.sum() == pytest.approx(modes.total_mass, rel=1e-12)
+    assert modes.total_mass == 24e3
+    assert frame.modes(6, "uy").effective_masses[0] < 1e-3 * modes.effective_masses[0]
 
 
 # Corotational members ------------------------------------------------------------------------------------------------
@@ -400,7 +468,9 @@ BAD_VALUES = {
     "b has no uz: did you mean uy or ux": lambda: portal().support("b", "uz"),
     "the frame must have at least one member": lambda: Frame().names,
     r"b\.ux must have a mass": lambda: portal(section=WEIGHTLESS).problem((0, 1)),
-    "each member must have mass in the directions": lambda: portal(section=WEIGHTLESS).highest_frequency(),
+    r"b\.ux must have a mass: give its members": lambda: portal(section=WEIGHTLESS).highest_frequency(),
+    "the ground has no rz": lambda: portal().modes(1, "rz"),
+    "modes must be at most the": lambda: portal().modes(1000),
     "E must be a positive number": lambda: Section(0.0, 1.0),
     "I must be a finite number": lambda: Section(1.0, 1.0, -1.0),
     "the ground has no uz: did you mean": lambda: portal().problem((0, 1), ground=([0, 1], [0, 1]), direction="uz"),

@@ -144,3 +144,38 @@ def test_a_table_of_members_has_their_states_without_a_solution_for_each(monkeyp
     assert list(table.columns) == ["member", "t", "u0", "v0", "x"]
     for name, values in (("member", member), ("t", t), ("u0", u), ("v0", x), ("x", u)):
         np.testing.assert_array_equal(table[name], values)
+
+
+@eig3.jit
+def spring_with_names(t, u, v, p):
+    return -p.k * u - p.c[1] * v
+
+
+def test_a_summary_has_a_row_for_each_member():
+    problem = eig3.Problem("named", spring_with_names, 1.0, 0.0, {"k": 1.0, "c": [9.0, 0.0]}, (0.0, 10.0))
+    crossing = eig3.Event(position, direction=-1)
+    options = {"h": 0.01, "save_every": 7, "events": {"down": crossing}, "outputs": {"height": position}}
+    runs = problem.ensemble(params={"k": [1.0, 4.0, 0.01], "c": [[9.0, 0.0], [9.0, 0.1], [9.0, 0.2]]}, **options)
+    table = runs.summary()
+    assert list(table.index) == [0, 1, 2]
+    assert list(table.columns[:2]) == ["k", "c[1]"]  # c[0] is the same in all members
+    assert list(table["k"]) == [1.0, 4.0, 0.01]
+    assert list(table["status"]) == ["completed"] * 3
+    assert list(table["count of down"]) == [2, 3, 0]
+    for i, run in enumerate(runs):
+        row = table.loc[i]
+        assert (row["t"], row["u0"], row["v0"]) == (run.t[-1], run.u[-1], run.v[-1])
+        assert (row["h"], row["n_steps"], row["n_rhs"]) == (run.h, run.n_steps, run.n_rhs)
+        assert row["minimum of height"] == run.extremes["height"].low
+        assert row["time of maximum of height"] == run.extremes["height"].t_high
+    np.testing.assert_array_equal(table["first down"], runs.events["down"].first)
+    assert np.isnan(table["first down"][2])
+
+
+def test_a_summary_without_names_numbers_the_parameters():
+    params = [[1.0, 0.1, 0.0, 0.0], [1.0, 0.2, 0.0, 0.0]]
+    table = eig3.ensemble(oscillator, (0, 1), 1.0, 0.0, params=params, h=0.1).summary()
+    assert list(table.columns) == ["p[1]", "status", "h", "n_steps", "n_rhs", "t", "u0", "v0"]
+    assert list(table["p[1]"]) == [0.1, 0.2]
+    table = eig3.ensemble(coupled, (0, 1), [[1.0, 0, 0], [2.0, 0, 0]], np.zeros(3), params=[1.0, 2, 3], h=0.1).summary()
+    assert list(table.columns) == ["status", "h", "n_steps", "n_rhs", "t", "u0", "u1", "u2", "v0", "v1", "v2"]

@@ -8,9 +8,9 @@ import scipy.linalg
 import scipy.sparse
 
 import eig3
-from eig3.structures.damping import natural_modes
 from eig3.structures.factors import copies_in, factors, solution
 from eig3.structures.matrices import check_mass
+from eig3.structures.modes import natural_modes
 
 N = 6
 
@@ -93,6 +93,61 @@ def test_modes_of_a_large_structure_are_those_of_the_closed_form():
     omega, _ = natural_modes(check_mass(np.ones(n), None), stiffness(n, k), 5)
     expected = 2 * np.sin((2 * np.arange(5) + 1) * np.pi / (2 * (2 * n + 1)))
     np.testing.assert_allclose(omega, expected, rtol=1e-8)
+
+
+def test_modes_of_a_shear_building():
+    """n equal storeys: omega = 2 sqrt(k / m) sin((2 j - 1) pi / (4 n + 2))."""
+    n = 4
+    K = 9.0 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    K[-1, -1] = 9.0
+    building = eig3.linear(np.full(n, 0.25), None, K, t_span=(0, 1))
+    modes = building.modes(n)
+    j = np.arange(1, n + 1)
+    np.testing.assert_allclose(modes.omega, 12 * np.sin((2 * j - 1) * np.pi / (4 * n + 2)), rtol=1e-12)
+    np.testing.assert_allclose(modes.frequencies, modes.omega / (2 * np.pi))
+    np.testing.assert_allclose(modes.shapes @ (0.25 * modes.shapes.T), np.eye(n), rtol=0, atol=1e-12)
+    first = np.sin((2 * 1 - 1) * np.pi * np.arange(1, n + 1) / (2 * n + 1))
+    share = first.sum() ** 2 / (first @ first) / n
+    assert modes.effective_masses[0] / modes.total_mass == pytest.approx(share, rel=1e-12)
+    assert modes.effective_masses.sum() == pytest.approx(modes.total_mass, rel=1e-12)
+    last = repr(modes).splitlines()[-1].split()
+    assert (last[0], last[-1]) == (str(n), "100.00")
+    only = building.modes(1, influence=[0.0, 0.0, 0.0, 1.0])
+    assert only.total_mass == 0.25
+    assert only.participation[0] == pytest.approx(0.25 * modes.shapes[0, -1], rel=1e-12)
+
+
+@pytest.mark.parametrize("mass", ["numbers", "consistent"])
+def test_rayleigh_damping_by_modes_is_that_by_their_frequencies(mass):
+    M = MASSES[mass]
+    omega = eig3.linear(M, None, stiffness(), t_span=(0, 1)).modes(3).omega
+    by_modes, by_frequencies = (
+        eig3.linear(M, None, stiffness(), damping=damping, t_span=(0, 1)).params
+        for damping in (eig3.Rayleigh(0.03, modes=(1, 3)), eig3.Rayleigh(0.03, omega[0], omega[2]))
+    )
+    assert (by_modes.a, by_modes.b) == (by_frequencies.a, by_frequencies.b)
+
+
+@pytest.mark.parametrize(
+    ("error", "words", "call"),
+    [
+        (TypeError, r"Rayleigh takes two frequencies, omega1 and omega2, or modes=", lambda: eig3.Rayleigh(0.1)),
+        (TypeError, r"Rayleigh takes two frequencies", lambda: eig3.Rayleigh(0.1, 1.0, 2.0, modes=(1, 2))),
+        (ValueError, "modes must be two different modes", lambda: eig3.Rayleigh(0.1, modes=(2, 2))),
+        (ValueError, "modes must be two different modes", lambda: eig3.Rayleigh(0.1, modes=(1, 2, 3))),
+        (ValueError, "a mode must be", lambda: eig3.Rayleigh(0.1, modes=(0, 2))),
+        (ValueError, "coefficients depend on the structure", lambda: eig3.Rayleigh(0.1, modes=(1, 2)).coefficients),
+        (ValueError, "modes need K", lambda: eig3.linear([1.0, 1.0], t_span=(0, 1)).modes(1)),
+        (
+            ValueError,
+            "influence must be 6 finite numbers",
+            lambda: eig3.linear(np.ones(6), None, stiffness(), t_span=(0, 1)).modes(1, influence=[1.0, 1.0]),
+        ),
+    ],
+)
+def test_modes_that_are_refused(error, words, call):
+    with pytest.raises(error, match=words):
+        call()
 
 
 @eig3.jit

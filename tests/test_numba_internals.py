@@ -285,6 +285,16 @@ def test_patches_can_be_left_out(monkeypatch):
     assert called_at(plain.address_of(plain.compile_results(function)[(float64,)]), 2.0) == 4.0
 
 
+def test_half_powers_become_roots():
+    def power(x):
+        return x**1.5
+
+    with probe("a pass after `InlineInlinables` does not see powers as expressions of numba.core.ir"):
+        function = numba.njit(**internals.WITH_ROOTS)(power)
+        assert function(4.0) == 8.0
+        assert "sqrt" in next(iter(function.inspect_llvm().values()))
+
+
 def test_addresses_come_from_arrays():
     def reads(x, i):
         return x[i]

@@ -412,13 +412,14 @@ def test_methods_that_are_ruled_out_by_order_or_limit_are_not_compiled(monkeypat
     assert re.search("  CD +ruled out: ", repr(plan))
 
 
-def searched(method, *, seconds, is_limited=False, follows_order=True):
+def searched(method, *, seconds, is_limited=False, follows_order=True, is_far_off=False):
     return SimpleNamespace(
         method=check_method(method),
         label=check_method(method).label,
         seconds=seconds,
         is_limited=is_limited,
         follows_order=follows_order,
+        is_far_off=is_far_off,
         evaluations=check_method(method).evaluations,
         pilots=SimpleNamespace(evaluations=lambda method: method.evaluations),
     )
@@ -439,11 +440,83 @@ def searched(method, *, seconds, is_limited=False, follows_order=True):
         ("rk5", searched("eig5", seconds=5.0), ""),
         ("eig4", searched("rk5", seconds=5.0), ""),  # it has fewer evaluations
         ("rk4", searched("eig5", seconds=5.0, follows_order=False), ""),
+        (
+            "rk4",
+            searched("eig5", seconds=math.inf, follows_order=False, is_far_off=True),
+            "EIG-5, of order 4, is far from the accuracy in 2 times the best time",
+        ),
+        ("rk5", searched("eig5", seconds=math.inf, follows_order=False, is_far_off=True), ""),
     ],
 )
 def test_what_rules_a_method_out(method, other, expected):
     best = searched("rk8", seconds=1.0)
     assert planner._ruled_out(check_method(method), [other], best) == expected
+
+
+@pytest.mark.parametrize(
+    ("times", "expected"),
+    [
+        ({"rk8": 1.0}, ""),
+        ({"rk8": 1.0, "rkn12": 2.0}, ""),
+        ({"rk8": 2.0, "rkn12": 1.0}, "RKN12 is faster than RK8, and the order of RK5 is still lower"),
+    ],
+)
+def test_which_orders_are_not_tried_with_tolerances(times, expected):
+    tried = [searched(name, seconds=seconds) for name, seconds in times.items()]
+    assert planner._tolerances_ruled_out(check_method("rk5"), tried) == expected
+
+
+@pytest.mark.parametrize(
+    ("fixed", "expected"), [(5.0, ""), (12.0, "with a fixed step, RK8 takes 12 times as long as with tolerances")]
+)
+def test_an_uneven_motion_rules_fixed_steps_out(fixed, expected):
+    tried = [searched("rk8", seconds=1.0), searched("rkn12", seconds=0.1)]
+    assert planner._fixed_steps_ruled_out(searched("rk8", seconds=fixed), tried) == expected
+
+
+# Other packages ------------------------------------------------------------------------------------------------------
+
+
+@eig3.jit
+def swinging_atwood(t, u, v, p, a):
+    a[0] = (u[0] * v[1] ** 2 - p[0] * 9.81 + 9.81 * np.cos(u[1])) / (1 + p[0])
+    a[1] = -(2 * v[0] * v[1] + 9.81 * np.sin(u[1])) / u[0]
+
+
+def swinging_atwood_formulas(u, v, p):
+    heyoka = pytest.importorskip("heyoka")
+    first = (u[0] * v[1] ** 2 - p[0] * 9.81 + 9.81 * heyoka.cos(u[1])) / (1 + p[0])
+    return [first, -(2 * v[0] * v[1] + 9.81 * heyoka.sin(u[1])) / u[0]]
+
+
+@pytest.mark.parametrize(
+    ("build", "formulas"),
+    [
+        (lambda: problems.van_der_pol(mu=10.0, t_end=20.0), lambda u, v, p: p[0] * (1 - u**2) * v - u),
+        (
+            lambda: eig3.Problem("atwood", swinging_atwood, [1.0, 1.0], [0.0, 0.0], [3.0], (0.0, 1.0)),
+            swinging_atwood_formulas,
+        ),
+    ],
+    ids=["scalar", "vector"],
+)
+def test_the_plan_says_how_to_use_taylor_series_for_a_high_accuracy(build, formulas):
+    heyoka = pytest.importorskip("heyoka")
+    problem = build()
+    plan = eig3.plan(problem, 1e-10, methods=["rk8"])
+    assert "Taylor series" in repr(plan)
+    variables, solver = re.search(r": (u, v = .*); (heyoka.*\))\.propagate_until\(t_end\)", plan.elsewhere).groups()
+    names = {"heyoka": heyoka, "u0": problem.u0, "v0": problem.v0}
+    exec(variables, names)
+    names["f"] = formulas(names["u"], names["v"], problem.params)
+    exact = eval(solver, names)
+    exact.propagate_until(problem.t_span[1])
+    solution = plan.run()
+    np.testing.assert_allclose(exact.state, [*np.ravel(solution.u[-1]), *np.ravel(solution.v[-1])], rtol=1e-8)
+
+
+def test_a_low_accuracy_needs_no_other_package():
+    assert not eig3.plan(problems.van_der_pol(mu=1.0, t_end=5.0), 1e-4, methods=["rk8"]).elsewhere
 
 
 # Which methods -------------------------------------------------------------------------------------------------------

@@ -17,6 +17,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--h", type=float, help="the step, s (default: the problem's step, or at most a tenth of the critical step)"
     )
     steps.add_argument("--rtol", type=float, help="the relative tolerance, such as 1e-6, instead of a step")
+    steps.add_argument(
+        "--accuracy", type=float, help="the largest error of u relative to the motion, instead of a step"
+    )
     add_method_and_end(parser, "eig3, or with --rtol rkn12, rk8 or rk5")
     add_out(parser, "folder for NAME.npz, NAME.png and, if the history is short, NAME.csv")
     parser.add_argument("--animate", action="store_true", help="also write an animation, NAME.gif, to DIR or here")
@@ -32,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     if options.format and not options.animate:
         raise SystemExit("eig3 run: --format is the format of an animation: give --animate too.")
     try:
-        given = {name: getattr(options, name) for name in ("h", "rtol", "method", "t_end", "out")}
+        given = {name: getattr(options, name) for name in ("h", "rtol", "accuracy", "method", "t_end", "out")}
         solution = run(build, **given, animate=(options.format or "gif") if options.animate else None)
     except (ImportError, TypeError, ValueError) as error:
         raise SystemExit(f"eig3 run: {error}") from None

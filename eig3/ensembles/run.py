@@ -10,7 +10,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ..functions.checks import check_cancel, check_count, check_span
+from ..functions.checks import check_cancel, check_count, check_flag, check_span
 from ..functions.events import Event
 from ..functions.layout import bound_layout
 from ..functions.named import has_names
@@ -24,6 +24,7 @@ from ..run.progress import check_progress
 from ..stepping.march import Cancel
 from ..stepping.observer import check_times
 from ..stepping.options import RunOptions, run_options
+from .checked import check_members_repeatable, errors_of_members
 from .files import Directory
 from .in_process import Run, at_start, cores
 from .members import Members, check_members
@@ -60,6 +61,7 @@ def ensemble(
     h_max: float | None = None,
     first_step: float | None = None,
     max_steps: int | None = None,
+    check: bool = False,
     threads: int | None = None,
     executor: Executor | None = None,
     reduce: Reduce | None = None,
@@ -89,7 +91,7 @@ def ensemble(
         The parameters. rhs gets the parameters of a member as p, of shape (k,). A named array whose first axis has the
         length m has a value for each member; it is refused if rhs could take it as a whole.
     rtol, atol, method, save_every, t_eval, events, invariants, outputs, invariants_every : optional
-    h_max, first_step, max_steps, progress, cancel : optional
+    h_max, first_step, max_steps, check, progress, cancel : optional
         As for `eig3.integrate`. By default only the first and the last state are saved.
     threads : int
         Number of threads; by default all cores that the process may use.
@@ -165,6 +167,11 @@ def ensemble(
     except TypeError as error:
         raise with_lengths(error, named_params, len(members)) from error
     own = cores() if threads is None else check_count(threads, "threads")
+    if check_flag(check, "check"):
+        check_members_repeatable(options, executor=executor, reduce=reduce, save_to=save_to)
+        solution = Run(rhs, members, options, own).march(progress, cancel)
+        solution.error = errors_of_members(rhs, members, options, own, solution, cancel)
+        return solution
     if executor is None and reduce is None and save_to is None:
         return Run(rhs, members, options, own).march(progress, cancel)
     place = None if save_to is None else Directory(save_to)

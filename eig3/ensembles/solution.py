@@ -30,6 +30,9 @@ from ..stepping.march import Cancel
 from . import files
 from .occurrences import MemberOccurrences
 
+#: The fields that a copy, a pickle and a file do not keep.
+_TRANSIENT = "_rhs", "_repeat", "_again", "error"
+
 #: Runs one member alone, by its number.
 Repeat = Callable[[int], Solution]
 
@@ -61,8 +64,7 @@ class EnsembleSolution:
         For each invariant e, the maximum of |e_n - e_0| over the ends of `n_invariants` steps; NaN if e became NaN.
     extremes : dict of str to Extremes
         For each invariant and each output, its minimum `low` and its maximum `high` over the ends of all steps, and
-        their times `t_low` and `t_high`: arrays of shape (m,), or (m, k) for an output with k values. The peak of a
-        sine of angular frequency omega is too low by a relative error of up to ``(omega * h)**2 / 8``.
+        their times `t_low` and `t_high`: arrays of shape (m,), or (m, k) for an output with k values.
     outputs : dict of str to ndarray, shape (m, s) or (m, s, k)
         The values of each output at the saved states.
     params : ndarray, shape (m, k) or (k,)
@@ -89,6 +91,8 @@ class EnsembleSolution:
         Sentences that the user should read, such as that rhs could not be vectorised.
     labels : Labels or None
         Names and units of the degrees of freedom, in an ensemble of a problem.
+    error : MemberErrors or None
+        With ``check=True``, the estimated errors of the members, ``error[i]``. Copies and files do not keep it.
     """
 
     t: np.ndarray
@@ -114,6 +118,7 @@ class EnsembleSolution:
     n_invariants: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     steps: np.ndarray | None = None
     labels: Labels | None = None
+    error: Any = None
     _last: dict[int, dict[str, Any]] = field(default_factory=dict)  # columns of a last state that is not a saved state
     _rhs: Any = None  # the jitted function
     _repeat: Repeat | None = None
@@ -186,6 +191,26 @@ class EnsembleSolution:
                 states = (self._last[i][name] for i in numbers)
                 fields[name] = each(lambda x, *last: np.insert(x, ends, last, axis=0), fields[name], *states)
         return SimpleNamespace(**fields, member=self.first + member, labels=self.labels)
+
+    def summary(self) -> Any:
+        """Return a `pandas.DataFrame` with a row for each member.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The index is the number of the member in the whole ensemble. The columns are the parameters that differ
+            between members, status, h, n_steps and n_rhs; the drift of each invariant; for each event, its count and
+            the time of its first occurrence, NaN without one; the minimum and the maximum of each invariant and output,
+            and their times; and the time and the values of the last finite state, named as by `to_pandas`.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        ValueError
+            If two columns have the same name.
+        """
+        return frames.ensemble_summary(self)
 
     def to_xarray(self) -> Any:
         """Return the saved states of all members as an `xarray.Dataset`.
@@ -338,7 +363,7 @@ class EnsembleSolution:
 
     def __getstate__(self) -> dict[str, Any]:
         # These functions refer to compiled code. Members with the same times share them.
-        state = {name: value for name, value in vars(self).items() if name not in ("_rhs", "_repeat", "_again")}
+        state = {name: value for name, value in vars(self).items() if name not in _TRANSIENT}
         return state | {"t": self.t if self.t.strides[0] else self.t[:1]}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -360,6 +385,7 @@ class EnsembleSolution:
         evaluated = int(self.n_invariants.sum())
         some = f" (at {evaluated:,} of {total:,} steps)" * (evaluated < total)
         lines += [f"  drift of {name}: at most {np.max(values):.4g}{some}" for name, values in self.drift.items()]
+        lines += [f"  {self.error!r}"] * (self.error is not None)
         lines += [f"  Note: {note}" for note in self.notes]
         return "\n".join(lines)
 

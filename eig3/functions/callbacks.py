@@ -37,8 +37,9 @@ __all__ = ["Callback", "check_callback", "jit", "reads_time", "reads_velocity"]
 def jit(function: Callable | None = None, **options: Any) -> Any:
     """Compile a function with ``numba.njit`` and the compiler options of the kernels.
 
-    The compiler may fuse multiply-adds, a division by zero gives infinity, and the function releases the GIL. A
-    right-hand side decorated with plain ``numba.njit`` works too, but some are a little slower.
+    The compiler may fuse multiply-adds, a division by zero gives infinity, powers such as ``x ** 1.5`` become square
+    roots, and the function releases the GIL. A right-hand side decorated with plain ``numba.njit`` works too, but some
+    are slower.
 
     Parameters
     ----------

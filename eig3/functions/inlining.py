@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 
 import numba
 
-from ..kernels.compile.numba_internals import options_of
+from ..kernels.compile.numba_internals import WITH_ROOTS, options_of
 from ..kernels.protocol import Form
 from .callbacks import check_callback, compile_for_own_arrays
 from .quantities import Quantity
@@ -51,6 +51,6 @@ def _as_compiled(function: Any, kind: str, form: Form) -> Any:
     known = _present.setdefault(function, {})
     before, present = known.get((kind, form.name), (compiled, function))
     if before is not compiled:
-        present = numba.jit(**options_of(function))(function.py_func)
+        present = numba.jit(**options_of(function), **WITH_ROOTS)(function.py_func)
     known[kind, form.name] = compiled, present
     return present

@@ -123,6 +123,14 @@ class Layout:
                 parts.append(_bits(value.ravel()) if is_array else np.atleast_1d(value).ravel())
         return np.concatenate([np.array(sizes, dtype=np.float64), *parts], dtype=np.float64)
 
+    def names_of(self, p: np.ndarray) -> list[str]:
+        """Return the name of each entry of an array p of the kernels, with a number within arrays; sizes have none."""
+        found = [""] * len(p)
+        for name, places in self.places(self.read(p)._asdict()).items():
+            count = places.stop - places.start
+            found[places] = [name] if count == 1 else [f"{name}[{i}]" for i in range(count)]
+        return found
+
     def read(self, p: np.ndarray) -> Any:
         """Return the parameters in an array p of the kernels as a named tuple, as functions get them."""
         text = "\n    ".join(["def read(p):", *self._views("p"), f"return {self._tuple}", ""])

@@ -94,6 +94,8 @@ class Pilots:
     needs_reference : bool
     compiling : float
         The compilation time, s.
+    at_start : tuple
+        u and v at the start of the span, with the quadratures.
     """
 
     def __init__(self, problem: Problem, metric: str, aim: float) -> None:
@@ -113,7 +115,7 @@ class Pilots:
         zeros = np.zeros(0 if self.needs_reference else len(problem.quadratures))
         u0, v0 = (np.append(x, zeros) if zeros.size else x for x in (problem.u0, problem.v0))
         u0, v0, self._form = check_state(u0, v0)
-        self._at_start = u0, v0
+        self.at_start = u0, v0
         most = min(_STATES, max(FEWEST, _VALUES // np.size(problem.u0)))
         self._states = FEWEST * 2 ** int(math.log2(most / FEWEST))
         self._energy: Callback | None = None
@@ -179,7 +181,7 @@ class Pilots:
 
     def trust(self) -> None:
         """Trust the reference: a run with a much larger motion then counts as unstable."""
-        self._largest = math.inf if math.isnan(self._size) else _DIVERGED * self._size
+        self._largest = math.inf if math.isnan(self.size) else _DIVERGED * self.size
 
     @property
     def is_surveyed(self) -> bool:
@@ -223,7 +225,7 @@ class Pilots:
 
     def look_at(self, part: float) -> None:
         """Restrict the next runs to a part of the span: after a survey, to the part with the fastest motion."""
-        t0, u0, v0 = self.problem.t_span[0], *self._at_start
+        t0, u0, v0 = self.problem.t_span[0], *self.at_start
         if part < 1 and self._survey is not None:
             survey = self._survey
             t = np.append(t0, survey.t)
@@ -295,7 +297,7 @@ class Pilots:
     def sizes(self) -> tuple[float, float] | None:
         """The sizes of u and v if the motion starts from rest, and they are unknown at the start; otherwise None."""
         u, v = self._sizes.tolist()
-        if np.any(self._motion(self._at_start[1])) or u <= 0:
+        if np.any(self._motion(self.at_start[1])) or u <= 0:
             return None
         return (u, v) if self._first_acceleration < _REST * v * v / u else None
 
@@ -368,7 +370,7 @@ class Pilots:
         return History(stepper.seconds * whole, stepper.n_rhs * whole, t, u, v, drift, is_whole)
 
     @property
-    def _size(self) -> float:
+    def size(self) -> float:
         """The displacement that scales the errors; infinite if it is unknown, and NaN if nothing has moved."""
         u, v = self._sizes
         if u < 0:
@@ -439,7 +441,7 @@ class Pilots:
         u = history.u
         both = math.gcd(len(u), len(self._reference))
         u, known = (x[len(x) // both - 1 :: len(x) // both] for x in (u, self._reference))
-        errors = np.abs(u - known).reshape(both, -1).max(axis=1) / self._size
+        errors = np.abs(u - known).reshape(both, -1).max(axis=1) / self.size
         error, half = float(errors.max()), float(errors[: both // 2].max())
         return error, min(2.0, max(0.0, math.log2(error / half))) if half > 0 else 1.0
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_method
 from ..functions.companions import constraints_of
 from ..kernels.compile.interrupt import with_solution
@@ -15,6 +14,7 @@ from ..keywords import with_suggestions
 from ..methods import EIG, LIBRARY, Method
 from ..problem import Problem
 from ..result.solution import Solution
+from .other_packages import faster_elsewhere
 from .pilots import Pilots, save_every, tolerances
 from .search import NO_TIME, SCOUT, Search, guide
 from .tolerance_search import VARIABLE, ToleranceSearch
@@ -34,6 +34,7 @@ _TIMED_SECONDS = 0.2  # time of the last comparison,
 _TIMED_RUNS = 3, 15  # and the least and largest number of runs of each method in it
 _SLOW = 2.0  # a method that takes this multiple of the best time is abandoned
 _HOPELESS = 4.0  # a method of no higher order and no fewer evaluations is at most faster by this factor
+_UNEVEN = 8.0  # if the guide is faster with tolerances by this factor, no method with a fixed step can be the fastest
 _CLOSE = 1.6  # methods predicted to take at most this multiple of the shortest time are timed
 _RULED_OUT = "ruled out: "
 AnySearch = Search | ToleranceSearch
@@ -116,8 +117,9 @@ class Plan:
         The beginning and the end of the pilot runs: the whole span, or the part of it in which the motion is fastest.
     seen : float
         The time up to which a run has shown the motion: before the end of the span if the run would take too long.
-    stiff : str
-        A sentence about a stiff motion, for which an implicit method may be faster; otherwise empty.
+    elsewhere : str
+        Where another package may be faster: an implicit method if the motion is stiff, or Taylor series; otherwise
+        empty.
     """
 
     problem: Problem
@@ -128,7 +130,7 @@ class Plan:
     compile_seconds: float
     window: tuple[float, float]
     seen: float
-    stiff: str = ""
+    elsewhere: str = ""
 
     @property
     def best(self) -> Prediction:
@@ -173,7 +175,7 @@ class Plan:
                 lines.append(f"  {name:<{width}} {numbers}" + f"  {p.note}" * bool(p.note))
             else:
                 lines.append(f"  {name:<{width}} {'' if p.note.startswith(_RULED_OUT) else 'not reached: '}{p.note}")
-        return "\n".join([*lines, f"  {self.stiff}"] if self.stiff else lines)
+        return "\n".join([*lines, f"  {self.elsewhere}"] if self.elsewhere else lines)
 
     @property
     def _extent(self) -> list[str]:
@@ -263,6 +265,7 @@ def plan(
     else:
         predictions = _choose(first, records) if methods is None else _predict_each(first, records)
     predictions.sort(key=lambda p: (not p.reaches, p.seconds))
+    best = predictions[0]
     return Plan(
         problem,
         float(accuracy),
@@ -272,16 +275,8 @@ def plan(
         pilots.compiling,
         pilots.window,
         pilots.seen,
-        _stiffness(pilots, predictions[0]),
+        faster_elsewhere(pilots, accuracy, best.method, best.n_steps, best.rtol) if best.reaches else "",
     )
-
-
-def _stiffness(pilots: Pilots, best: Prediction) -> str:
-    """Describe a motion that is stiff for the fastest method; empty if it is not stiff, or takes few steps."""
-    if best.n_steps < MANY_STEPS or not pilots.problem.uses_velocity:
-        return ""
-    states = pilots.states(STATES, best.h)
-    return stiffness(best.method, pilots.acceleration, states, "the accuracy")
 
 
 def _in_order_of_trial() -> list[str]:
@@ -304,8 +299,10 @@ def _choose(first: Search, records: list[Method]) -> list[Prediction]:
     ruled_out = []
     for search in _in_order(first, records):
         longest, reason = _SLOW * best.seconds, ""
-        if isinstance(search, Search) and search.method != best.method:
-            reason = _ruled_out(search.method, fixed, best)
+        if isinstance(search, ToleranceSearch):
+            reason = _tolerances_ruled_out(search.method, variable)
+        elif search is not first and search.method != best.method:
+            reason = _fixed_steps_ruled_out(first, variable) or _ruled_out(search.method, fixed, best)
         if not reason and search is not first and pilots.spent > enough:
             reason = NO_TIME
         if not reason and isinstance(search, ToleranceSearch):
@@ -339,6 +336,26 @@ def _in_order(first: Search, records: list[Method]) -> list[AnySearch]:
     return sorted(fixed, key=lambda search: search.method != SCOUT) + variable
 
 
+def _tolerances_ruled_out(method: Method, tried: Sequence[ToleranceSearch]) -> str:
+    """The reason why a method with tolerances cannot be the fastest; empty if it may be the fastest.
+
+    The time is a function of the order with one minimum.
+    """
+    higher = sorted((s for s in tried if s.method.order > method.order), key=lambda s: s.method.order)
+    if len(higher) > 1 and higher[1].seconds < higher[0].seconds:
+        return f"{higher[1].label} is faster than {higher[0].label}, and the order of {method.label} is still lower"
+    return ""
+
+
+def _fixed_steps_ruled_out(first: Search, tried: Sequence[ToleranceSearch]) -> str:
+    """The reason why no fixed step can be the fastest; empty if one may be the fastest."""
+    for search in tried:
+        if search.method == first.method and first.seconds > _UNEVEN * search.seconds:
+            factor = first.seconds / search.seconds
+            return f"with a fixed step, {first.label} takes {factor:.2g} times as long as with tolerances"
+    return ""
+
+
 def _ruled_out(method: Method, tried: Sequence[Search], best: AnySearch) -> str:
     """The reason why the method cannot be the fastest; empty if it may be the fastest."""
     for search in tried:
@@ -347,9 +364,13 @@ def _ruled_out(method: Method, tried: Sequence[Search], best: AnySearch) -> str:
             graded = isinstance(method, EIG) and isinstance(other, EIG) and other.order not in _WEAK_ORDERS
             if graded and other.order < method.order:
                 return f"stability limits its step more than the step of {other.label}"
-        elif search.follows_order and method.order <= other.order:
+        elif method.order <= other.order and search.pilots.evaluations(method) >= search.evaluations:
+            if search.is_far_off:
+                return (
+                    f"{other.label}, of order {other.order}, is far from the accuracy in {_SLOW:g} times the best time"
+                )
             factor = search.seconds / best.seconds
-            if factor > _HOPELESS and search.pilots.evaluations(method) >= search.evaluations:
+            if search.follows_order and factor > _HOPELESS:
                 return f"{other.label}, of order {other.order}, takes {factor:.2g} times as long as {best.label}"
     return ""
 

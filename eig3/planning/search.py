@@ -36,6 +36,7 @@ _LARGEST = 2.0  # the relative error of two unrelated motions of the same size
 _APART = 1.2  # least ratio of two steps that shows the order of the error
 _STEEP = 2.0  # an error that grows with more than this multiple of its order is caused by instability
 _ROUND_OFF = 1e-6  # an error below this is round-off if it decreases with a power of the step
+_FAR = 100.0  # an error of this multiple of the aim is far from it
 _STALLED = 0.5  # below this
 _LEAST = 5e-14  # runs agree better than this only by chance
 
@@ -272,6 +273,11 @@ class Search(Timed):
     def follows_order(self) -> bool:
         """Whether the error decreases with the step as the order predicts, and can be extrapolated."""
         return self._observed is not None and not self.is_limited and not self.is_stalled
+
+    @property
+    def is_far_off(self) -> bool:
+        """Whether the run with the most steps is stable, and its error is far too large to converge to the aim."""
+        return bool(self.runs) and max(CONVERGING, _FAR * self.pilots.aim) < self.runs[-1].error < _LARGEST
 
     @property
     def is_limited(self) -> bool:

@@ -34,6 +34,47 @@ def ensemble_to_pandas(solution: Any) -> Any:
     return frame
 
 
+def ensemble_summary(solution: Any) -> Any:
+    """Return a DataFrame with a row for each member, as `EnsembleSolution.summary` describes."""
+    pandas = _module("pandas")
+    index = pandas.Index(solution.first + np.arange(len(solution)), name="member")
+    frame = pandas.DataFrame(_distinct(_of_members(solution)), index=index)
+    frame.attrs.update(method=repr(solution.method))
+    return frame
+
+
+def _of_members(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the name and the values of each column of a summary."""
+    yield from _varied_parameters(solution)
+    yield "status", np.array([status.value for status in solution.status])
+    for name in ("h", "n_steps", "n_rhs"):
+        yield name, getattr(solution, name)
+    for name, drift in solution.drift.items():
+        yield f"drift of {name}", drift
+    for name, occurrences in solution.events.items():
+        yield f"count of {name}", np.bincount(occurrences.member, minlength=len(solution))
+        yield f"first {name}", occurrences.first
+    for name, found in solution.extremes.items():
+        values = (found.low, found.t_low, found.high, found.t_high)
+        for what, column in zip(("minimum", "time of minimum", "maximum", "time of maximum"), values, strict=True):
+            yield from _named(f"{what} of {name}", column)
+    table = solution._table()
+    last = np.searchsorted(table.member, solution.first + np.arange(len(solution)), side="right") - 1
+    yield "t", table.t[last]
+    yield from ((name, column[last]) for name, column in _columns(table))
+
+
+def _varied_parameters(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the parameters that are not the same in all members."""
+    p = solution.params
+    if p.ndim == 1:
+        return
+    layout = solution.labels.layout if solution.labels else None
+    names = layout.names_of(p[0]) if layout else [f"p[{i}]" for i in range(p.shape[1])]
+    for i in np.flatnonzero((p != p[:1]).any(axis=0)):
+        yield names[i], p[:, i]
+
+
 def ensemble_to_xarray(solution: Any) -> Any:
     """Return an `EnsembleSolution` as a Dataset, as `EnsembleSolution.to_xarray` describes."""
     has_one_time = not solution.t.strides[0]
@@ -76,10 +117,15 @@ def _columns(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
         for i, column in enumerate(values.T):
             yield labels.name(letter, i), column
     for name, values in (*solution.outputs.items(), *solution.quadratures.items()):
-        if values.ndim == 1:
-            yield name, values
-        else:
-            yield from ((f"{name}[{i}]", column) for i, column in enumerate(values.T))
+        yield from _named(name, values)
+
+
+def _named(name: str, values: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the columns of an array: its name, with a number if there are several columns."""
+    if values.ndim == 1:
+        yield name, values
+    else:
+        yield from ((f"{name}[{i}]", column) for i, column in enumerate(values.T))
 
 
 def _units(solution: Any) -> dict[str, str]:

@@ -22,6 +22,7 @@ from ..kernels.compile.interrupt import with_solution
 from ..methods import Method
 from . import frames, storage
 from .columns import separated
+from .error_estimate import ErrorEstimate
 from .interpolation import Knots
 from .labels import Labels
 from .resolution import Resolution
@@ -35,7 +36,7 @@ _NO_STATES = "the run ended before the first time of t_eval"
 #: A function that finds the reason why a run failed, and describes it.
 Reason = Callable[[], str]
 #: The fields that a copy, a pickle and a file do not keep.
-TRANSIENT = ("reason", "_accelerations", "_extend", "_between", "_knots", "_whole", "_later")
+TRANSIENT = ("error", "reason", "_accelerations", "_extend", "_between", "_knots", "_whole", "_later")
 
 
 @dataclass(repr=False, eq=False)
@@ -47,8 +48,7 @@ class Solution:
     t : ndarray, shape (m,)
         Times of the saved states.
     u, v : ndarray, shape (m,) or (m, n)
-        Displacements and velocities of the saved states. With `save_to`, t, u and v are read-only maps of files, of the
-        type `numpy.memmap`.
+        Displacements and velocities of the saved states. With `save_to`, t, u and v are a read-only `numpy.memmap`.
     h : float
         The step of the run. It is the requested step, or a shorter one if that does not divide the span. With
         tolerances, it is the mean of the steps.
@@ -91,6 +91,8 @@ class Solution:
         first state. None for a fixed step.
     labels : Labels or None
         Names and units of the degrees of freedom, in a run of a problem.
+    error : ErrorEstimate or None
+        The estimate of the errors of a run with ``check=True``, or after `check`. Copies and files do not keep it.
     reason : callable or None
         The function that `explain` calls; None if there is nothing to explain.
     """
@@ -116,6 +118,7 @@ class Solution:
     n_invariants: int = 0
     steps: np.ndarray | None = None
     labels: Labels | None = None
+    error: ErrorEstimate | None = None
     reason: Reason | None = None
     _accelerations: functools.partial[np.ndarray] | None = None  # of the right-hand side and its parameters
     _extend: Callable[..., Any] | None = None  # returns the checked run at its end, which can continue
@@ -147,38 +150,71 @@ class Solution:
         """The fields that a copy keeps, including fields that were not read yet."""
         return {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name not in TRANSIENT}
 
-    def explain(self, *, check: bool = False) -> str:
-        """Find out why a run diverged, or how large its error is.
+    def check(self, *, cancel: Any = None) -> ErrorEstimate:
+        """Estimate the errors of a successful run, by the same run with other steps.
+
+        Parameters
+        ----------
+        cancel : threading.Event, optional
+            Set it in another thread to end the further runs.
+
+        Returns
+        -------
+        ErrorEstimate
+            It is `error` of this solution from now on. `print` of the solution shows it.
+
+        Raises
+        ------
+        ValueError
+            If the run cannot be repeated or was not successful, or the method adds random numbers.
+        KeyboardInterrupt
+            After Ctrl-C. Its attribute `solution` is this solution.
+
+        Notes
+        -----
+        With a fixed step, the run is repeated with two thirds or half of its step, and with twice its step, which shows
+        its order: this takes twice as long as the run, or 2.5 times. With tolerances, it is repeated with a tenth of
+        them and with ten times these.
+
+        Source: Richardson extrapolation; Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.4.
+        """
+        if self._extend is None:
+            raise ValueError(
+                "check needs the run: this solution was copied, pickled or loaded without rhs, or is a member "
+                "of an ensemble; integrate again, and check the solution that integrate returns."
+            )
+        if not self.success:
+            raise ValueError(f"check needs a successful run, and this one has the status {self.status.value}.")
+        try:
+            self.error = self._extend().error(self, cancel)
+        except KeyboardInterrupt as error:
+            error.solution = self  # type: ignore[attr-defined]
+            raise
+        return self.error
+
+    @property
+    def order(self) -> float | None:
+        """The order that the run shows, if it has been checked."""
+        return None if self.error is None else self.error.order
+
+    @property
+    def reliable_until(self) -> float | None:
+        """The time after which no digit of u is right; None if there is none, or the run has not been checked."""
+        return None if self.error is None else self.error.reliable_until
+
+    def explain(self) -> str:
+        """Find out why a run diverged.
 
         The explanation compares h with the critical step, and names a shorter step with which the run stays bounded,
         if there is one. To find it, the first call repeats the run with shorter steps. This may take two or three
         times as long as the run, or some tenths of a second for a short run. Later calls return the same text.
-
-        Parameters
-        ----------
-        check : bool
-            Whether to estimate the error of u too, if the run was successful. The run is repeated twice: with half and
-            a quarter of its step, which takes six times as long as the run and also shows its order; or with tolerances
-            ten and a hundred times smaller.
 
         Returns
         -------
         str
             The explanation; if the run did not diverge, `message` and `notes`. A copied or unpickled solution has no
             right-hand side: it returns only an explanation that was found before the copy.
-
-        Raises
-        ------
-        ValueError
-            If the run cannot be repeated, or the method adds random numbers.
         """
-        if check and self.success:
-            if self._extend is None:
-                raise ValueError(
-                    "check needs the run: this solution was copied, pickled or loaded without rhs, or is a member "
-                    "of an ensemble; integrate again, and check the solution that integrate returns."
-                )
-            return f"{self.explain()} {self._extend().check(self)}"
         if self.reason is not None:
             self._explanation = self._explanation or self.reason()
         return self._explanation or " ".join([self.message, *self.notes])
@@ -501,7 +537,8 @@ class Solution:
         some = f" (at {self.n_invariants:,} of {self.n_steps:,} steps)" * (self.n_invariants < self.n_steps)
         lines += [f"  drift of {name}: {value:.4g}{some}" for name, value in self.drift.items()]
         lines += [f"  {self.message}"] * (not self.success)
-        lines += [f"  Note: {note}" for note in self.notes]
+        lines += [f"  {self.error}"] * (self.error is not None)
+        lines += [f"  Note: {note}" for note in (*self.notes, *(self.error.notes if self.error else ()))]
         return "\n".join(lines)
 
 

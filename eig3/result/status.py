@@ -22,6 +22,8 @@ class Status(enum.Enum):
         The tolerances need a step below the resolution of t.
     TOO_MANY_STEPS
         The run took `max_steps` steps before the end of its span.
+    ACCURACY_NOT_REACHED
+        No run reached the accuracy that was asked for; this is the best one.
     ZENO
         The times between events with `apply` became shorter than the resolution of the run, as for a ball that comes to
         rest. Or the state rests on the surface of such an event and is pushed through it, as a ball without rebound.
@@ -34,4 +36,5 @@ class Status(enum.Enum):
     TERMINATED = "ended by an event"
     STEP_TOO_SMALL = "step too small"
     TOO_MANY_STEPS = "too many steps"
+    ACCURACY_NOT_REACHED = "accuracy not reached"
     ZENO = "events without end"

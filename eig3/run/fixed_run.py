@@ -14,10 +14,12 @@ from ..functions.checks import check_count, check_resolution, check_time
 from ..functions.guard import guarded
 from ..kernels.protocol import FAILED, SCALAR
 from ..methods import EIG
+from ..result.error_estimate import Companion
 from ..result.memory import check_disk, check_history, n_rows
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import Place, going_on
 from ..stability import alternating_limit
+from ..stepping.march import Cancel
 from ..stepping.observer import check_times, further_times
 from ..stepping.options import NEVER
 from ..stepping.stepper import Stepper
@@ -25,7 +27,7 @@ from ..stepping.system import System
 from .growth import Growth
 from .history import History
 from .progress import check_progress
-from .run import Run
+from .run import Run, carry_out
 
 _LARGEST_GRADE = 7  # with a higher grade of EIG and a force that reads the velocity, a note advises against it
 
@@ -111,16 +113,29 @@ class FixedRun(Run):
         run.growth = self.growth.extended(n_steps, stepper.index)
         return run.begin(self, stepper.n_wanted if times is not None else stepper.index // run.every + 1)
 
-    def finer(self, k: int) -> FixedRun:
-        stepper, factor = self.stepper, 2**k
-        start = *stepper.start, guarded(stepper.params), self.times
-        fine = Stepper.of(stepper.system, stepper.t0, stepper.h / factor, *start)
-        every = None if self.save_every is None else factor * stride(self.save_every, self.n_steps)
-        return FixedRun(fine, factor * self.n_steps, self.t_end, every, self.times).begin()
+    def companions(self, solution: Solution, cancel: Cancel | None) -> tuple[Companion, Companion | None]:
+        two_thirds = self.n_steps % 2 == 0 and (self.times is not None or self.every % 2 == 0)
+        steps, name = (3, "two thirds of") if two_thirds else (4, "half")
+        fine = self._companion(solution, steps, f"a run with {name} the step", cancel)
+        assert fine
+        return fine, self._companion(solution, 1, "a run with twice the step", cancel)
 
-    def check(self, solution: Solution) -> str:
-        method = solution.method
-        return self.refinement(solution, 2.0).of_steps(method.label, method.order, solution.h)
+    def _companion(self, solution: Solution, steps: int, name: str, cancel: Cancel | None) -> Companion | None:
+        """Return the run with `steps` steps in place of two steps; None if no state is at the same time."""
+        stepper, n_steps = self.stepper, self.n_steps * steps // 2
+        if not n_steps:
+            return None
+        h = stepper.h * 2 / steps
+        every = None if self.save_every is None else stride(self.save_every, self.n_steps) * steps
+        if every is not None and every % 2 == 0:
+            every //= 2  # otherwise the companion saves every second of the states
+        t_end = self.t_end if n_steps * 2 == self.n_steps * steps else stepper.t0 + n_steps * h
+        times = None if self.times is None else self.times[self.times <= t_end]
+        start = *stepper.start, guarded(stepper.params), times
+        other = Stepper.of(stepper.system, stepper.t0, h, *start)
+        found = carry_out(FixedRun(other, n_steps, t_end, every, times).begin, cancel, raise_on_failure=False)
+        companion = Companion.at_same_steps(solution, found, 2 / steps, name)
+        return companion if len(companion.rows) > 1 else None
 
     def state(self) -> dict[str, Any]:
         stepper = self.stepper

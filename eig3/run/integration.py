@@ -16,6 +16,7 @@ from ..methods import Method
 from ..result.solution import Solution
 from ..stepping.march import Cancel
 from ..stepping.options import run_options
+from .accuracy import check_goal, reach, refuse_without_accuracy
 from .prepare import Prepared
 
 
@@ -28,6 +29,9 @@ def integrate(
     *,
     h: float | None = None,
     rtol: float | None = None,
+    accuracy: float | Mapping[str, float] | None = None,
+    scale: float | None = None,
+    max_seconds: float | None = None,
     atol: ArrayLike | None = None,
     params: Any = (),
     method: str | Method | None = None,
@@ -41,6 +45,7 @@ def integrate(
     first_step: float | None = None,
     max_steps: int | None = None,
     inline: bool = False,
+    check: bool = False,
     progress: bool = False,
     raise_on_failure: bool = False,
     cancel: Cancel | None = None,
@@ -61,6 +66,8 @@ def integrate(
     rtol, atol : float; atol also array_like, shape (n,) or (2, n)
         Tolerances, which bound the estimated error of each step by ``atol + rtol * size``. Without atol, a size is the
         largest |u| or |v| of the degree of freedom so far; with atol, it is the current |u| or |v|.
+    accuracy, scale, max_seconds : float; accuracy also dict of str to float
+        Instead of h or rtol: the largest estimated error of u, relative to max |u| or to `scale`.
     params : float or array_like; or NamedTuple or dict
         The parameters. rhs gets them as p, a one-dimensional array of float64, or with their names, as ``p.k``.
     method : str or Method
@@ -72,19 +79,17 @@ def integrate(
         Save the states at these increasing times instead, from the dense output within the steps.
     events : dict of str to Event
         Events by name: functions of the state, whose zeros the run locates; see `eig3.Event`.
-    invariants : dict of str to jitted function
-        Functions ``e(t, u, v, p) -> float`` by name that the motion should conserve; see `drift` of the solution.
+    invariants, invariants_every : dict of str to jitted function, int
+        Functions ``e(t, u, v, p) -> float`` by name that the motion should conserve; see `drift` of the solution. They
+        are evaluated after about every `invariants_every`-th step, and more often at first.
     outputs : dict of str to jitted function, or to (jitted function, k)
-        Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values, by name. The solution has their
-        `outputs` at the saved states, and their `extremes` over the run.
-    invariants_every : int
-        Evaluate the invariants after about every `invariants_every`-th step only, and more often at first.
+        Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values; see `outputs` and `extremes`.
     h_max, first_step, max_steps : float, float, int
         With rtol: the longest step, the first step, and the largest number of steps.
     inline : bool
         Compile the loop with rhs inside: faster for long runs, for about a second of compilation.
-    progress, raise_on_failure : bool
-        Show a progress bar, by tqdm. Raise `IntegrationError` if the run does not complete.
+    check, progress, raise_on_failure : bool
+        Estimate the errors, by `Solution.check`. Show a progress bar. Raise `IntegrationError` if the run fails.
     cancel : threading.Event
         Set it in another thread to end the run.
     save_to : str or path
@@ -106,22 +111,30 @@ def integrate(
     """
     u, v, form = check_state(u0, v0)
     params = named(params)
-    options = run_options(
-        getattr(params, "layout", None),
-        h=h,
-        rtol=rtol,
-        atol=atol,
-        method=method,
-        save_every=save_every,
-        t_eval=t_eval,
-        events=events,
-        invariants=invariants,
-        outputs=outputs,
-        invariants_every=invariants_every,
-        h_max=h_max,
-        first_step=first_step,
-        max_steps=max_steps,
-        inline=inline,
-    )
-    of_call: dict[str, Any] = {"progress": progress, "raise_on_failure": raise_on_failure}
-    return Prepared(rhs, form, options)(t_span, u, v, params, cancel=cancel, save_to=save_to, **of_call)
+    options: dict[str, Any] = {
+        "h": h,
+        "rtol": rtol,
+        "atol": atol,
+        "method": method,
+        "save_every": save_every,
+        "t_eval": t_eval,
+        "events": events,
+        "invariants": invariants,
+        "outputs": outputs,
+        "invariants_every": invariants_every,
+        "h_max": h_max,
+        "first_step": first_step,
+        "max_steps": max_steps,
+        "inline": inline,
+    }
+    of_call: dict[str, Any] = {"check": check, "progress": progress, "raise_on_failure": raise_on_failure}
+    of_call |= {"cancel": cancel, "save_to": save_to}
+
+    def prepared(**options: Any) -> Prepared:
+        return Prepared(rhs, form, run_options(getattr(params, "layout", None), **options))
+
+    if accuracy is not None:
+        goal = check_goal(accuracy, scale, max_seconds)
+        return reach(goal, rhs, prepared, options, (t_span, u, v, params), of_call)
+    refuse_without_accuracy(scale=scale, max_seconds=max_seconds)
+    return prepared(**options)(t_span, u, v, params, **of_call)

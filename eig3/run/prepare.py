@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback, form_of
-from ..functions.checks import check_params, check_resolution, check_span, check_state, shown
+from ..functions.checks import check_flag, check_params, check_resolution, check_span, check_state, shown
 from ..functions.guard import guarded
 from ..functions.named import has_names, in_layout, named
 from ..kernels.compile.interrupt import with_solution
@@ -31,10 +31,10 @@ from ..stepping.variable_stepper import VariableStepper
 from . import short
 from .fixed_run import FixedRun, divide
 from .progress import check_progress
-from .run import Run, carry_out
+from .run import Run, carry_out, check_repeatable
 from .variable_run import VariableRun
 
-_OF_A_CALL = "t_span", "u0", "v0", "params", "progress", "raise_on_failure", "cancel", "save_to"
+_OF_A_CALL = "t_span", "u0", "v0", "params", "check", "progress", "raise_on_failure", "cancel", "save_to"
 _WITHOUT_NAMES = np.ndarray, tuple, list, float, int  # a NamedTuple is of another type
 _LONGER = 4  # a run with tolerances counts as short if it takes at most this many times as long as the last run
 _LEAST_PACE = 1e-10  # seconds per step; a coarse clock may measure 0
@@ -90,6 +90,7 @@ class Prepared:
         v0: ArrayLike | None = None,
         params: Any = (),
         *,
+        check: bool = False,
         progress: bool = False,
         raise_on_failure: bool = False,
         cancel: Cancel | None = None,
@@ -105,7 +106,7 @@ class Prepared:
         params : float or array_like, NamedTuple or dict
             Arguments left out have the values of the problem, for a run from `Problem.prepare`. Other runs need a span
             and initial values.
-        progress, raise_on_failure, cancel, save_to
+        check, progress, raise_on_failure, cancel, save_to
             As for `eig3.integrate`.
 
         Returns
@@ -119,6 +120,8 @@ class Prepared:
         """
         if unknown:  # a decorator would cost a call
             raise refusal("Prepared", next(iter(unknown)), _OF_A_CALL)
+        if check is not False and check_flag(check, "check"):
+            check_repeatable(self._system.method)
         span: Any = t_span
         if self._defaults:
             own_span, own_u0, own_v0, own_params = self._defaults
@@ -135,7 +138,10 @@ class Prepared:
         start = check_span(span), u, v, guarded(check_params(params))
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
         solution = self._if_short(*start) if is_plain else None
-        return solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
+        solution = solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
+        if check and solution.success:
+            solution.check(cancel=cancel)
+        return solution
 
     def member(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, cancel: Cancel | None) -> Solution:
         """Run a member of an ensemble from a checked start. A short run ignores `cancel`."""
@@ -248,8 +254,8 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
         An example of the parameters if they have names: ``prepare(rhs, h=0.01, params={"k": 4.0})``. In a call, the
         arrays may have other sizes. Pass parameters without names only to each call.
     **options
-        As for `eig3.integrate`, without the options of a call, which are progress, raise_on_failure, cancel and
-        save_to. The prepared run copies them.
+        As for `eig3.integrate`, without the options of a call, which are check, progress, raise_on_failure, cancel
+        and save_to. The prepared run copies them.
 
     Returns
     -------

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.drift import excess, growth
-from ..diagnosis.refinement import Refinement
 from ..functions.checks import check_cancel, check_flag
 from ..functions.evaluation import accelerations
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import EVALUATIONS, ITERATIONS, NEXT, RESTING, TERMINAL, VECTOR
 from ..methods import Method
+from ..result.error_estimate import Companion, ErrorEstimate, estimate
 from ..result.solution import Solution, Status
 from ..result.storage import Place
 from ..stepping.march import Cancel, Rows
@@ -136,12 +136,8 @@ class Run:
         """
         raise NotImplementedError
 
-    def finer(self, k: int) -> Run:
-        """Return the run from its start with steps, or tolerances, shorter by the k-th power of a ratio."""
-        raise NotImplementedError
-
-    def check(self, solution: Solution) -> str:
-        """Describe the error of the solution of this run, found by finer runs."""
+    def companions(self, solution: Solution, cancel: Cancel | None) -> tuple[Companion, Companion | None]:
+        """Return the run from its start with finer steps, and, if it can be compared, with coarser steps."""
         raise NotImplementedError
 
     def state(self) -> dict[str, Any]:
@@ -382,20 +378,18 @@ class Run:
     def itself(self) -> Run:
         return self
 
-    def refinement(self, solution: Solution, ratio: float) -> Refinement:
-        """Compare the solution of this run with the solutions of two finer runs.
+    def error(self, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
+        """Estimate the error of the solution of this run.
 
         Raises
         ------
         ValueError
             If the method adds random numbers.
         """
-        if self.stepper.method.is_stochastic:
-            raise ValueError(f"check compares runs with other steps, but {self.stepper.method!r} adds random numbers.")
-        fine, finest = (carry_out(partial(self.finer, k), None, raise_on_failure=False) for k in (1, 2))
-        end = min(each.t[-1] for each in (solution, fine, finest))
-        t = solution.t[solution.t <= end]
-        return Refinement.of(t, solution.u[: len(t)], _at(t, fine), _at(t, finest), ratio)
+        method = self.stepper.method
+        check_repeatable(method)
+        fine, coarse = self.companions(solution, cancel)
+        return estimate(solution, fine, coarse, method.order if solution.steps is None else None)
 
     def _keep(self) -> None:
         """Write the results so far at intervals: they remain if the process is killed."""
@@ -411,10 +405,10 @@ class Run:
         return solution
 
 
-def _at(t: np.ndarray, finer: Solution) -> np.ndarray:
-    """Return u at the times of the coarser run."""
-    same = np.array_equal(finer.t[: len(t)], t)
-    return finer.u[: len(t)] if same else finer.at(t)[0]
+def check_repeatable(method: Method) -> None:
+    """Refuse a method whose runs with other steps have other random numbers."""
+    if method.is_stochastic:
+        raise ValueError(f"check compares runs with other steps, but {method!r} adds random numbers.")
 
 
 def carry_out(begin: Callable[[], Run], cancel: Cancel | None, raise_on_failure: bool) -> Solution:

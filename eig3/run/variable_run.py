@@ -13,8 +13,10 @@ from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
+from ..result.error_estimate import Companion
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import going_on
+from ..stepping.march import Cancel
 from ..stepping.observer import check_times, further_times
 from ..stepping.options import NEVER
 from ..stepping.system import System
@@ -23,10 +25,11 @@ from ..stepping.variable_stepper import VariableStepper
 from .growth import OVERFLOWING
 from .history import FIRST_ROWS, History
 from .progress import check_progress
-from .run import Run, Stop
+from .run import Run, Stop, carry_out
 
 _NAMED = 5  # degrees of freedom that a note names
-_RATIO = 10  # ratio of the tolerances of the runs that show the error
+_RATIO = 10  # ratio of the tolerances of the runs that show the error,
+_LARGEST_RTOL = 0.5  # and the largest rtol of these runs
 
 
 class VariableRun(Run):
@@ -92,16 +95,19 @@ class VariableRun(Run):
         run = VariableRun(stepper, self.every, times, place, progress)
         return run.begin(self, self._rows_kept() if times is None else stepper.n_wanted)
 
-    def finer(self, k: int) -> VariableRun:
-        stepper, given, factor = self.stepper, self.stepper.tolerances, _RATIO**k
-        rtol = max(LEAST_RTOL, given.rtol / factor)
-        tolerances = given._replace(rtol=rtol, atol=given.atol / factor, max_steps=NEVER)
-        start = *stepper.start, guarded(stepper.params)
-        fine = VariableStepper(stepper.system, (stepper.t0, stepper.t_end), *start, tolerances, self.times)
-        return VariableRun(fine, 1, self.times).begin()
+    def companions(self, solution: Solution, cancel: Cancel | None) -> tuple[Companion, Companion | None]:
+        coarse = self._companion(solution, _RATIO, "a run with ten times the tolerance", cancel)
+        if self.stepper.tolerances.rtol < _RATIO * LEAST_RTOL:
+            return coarse, None  # no run has a smaller error: the difference is at least the error
+        return self._companion(solution, 1 / _RATIO, "a run with a tenth of the tolerance", cancel), coarse
 
-    def check(self, solution: Solution) -> str:
-        return self.refinement(solution, _RATIO).of_tolerances(self.stepper.tolerances.rtol)
+    def _companion(self, solution: Solution, ratio: float, name: str, cancel: Cancel | None) -> Companion:
+        """Return the run with other tolerances."""
+        stepper, tolerances = self.stepper, companion_tolerances(self.stepper.tolerances, ratio)
+        start = *stepper.start, guarded(stepper.params)
+        other = VariableStepper(stepper.system, (stepper.t0, stepper.t_end), *start, tolerances, self.times)
+        found = carry_out(VariableRun(other, 1, self.times).begin, cancel, raise_on_failure=False)
+        return Companion.between_steps(solution, found, ratio, name)
 
     def state(self) -> dict[str, Any]:
         stepper = self.stepper.before_end()
@@ -277,3 +283,9 @@ class VariableRun(Run):
     def _progress(self) -> int:
         stepper = self.stepper
         return round(100 * (stepper.t - stepper.t0) / (stepper.t_end - stepper.t0))
+
+
+def companion_tolerances(given: Tolerances, ratio: float) -> Tolerances:
+    """Return the tolerances of a run that is compared with a run."""
+    rtol = min(max(LEAST_RTOL, given.rtol * ratio), _LARGEST_RTOL)
+    return given._replace(rtol=rtol, atol=given.atol * ratio, max_steps=NEVER)

@@ -10,13 +10,17 @@ from .frame import Frame
 from .linear import linear
 from .members import Section
 from .modal import modal_solution
+from .modes import Modes
 from .responses import absolute_motion, base_shear, ground_motion, storey_drifts
+from .structure import Structure
 
 __all__ = [
     "Frame",
     "Modal",
+    "Modes",
     "Rayleigh",
     "Section",
+    "Structure",
     "absolute_motion",
     "base_shear",
     "ground_motion",

@@ -6,21 +6,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse.linalg
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, reals
 from .matrices import Mass
-
-_ALL = 0.5  # with a larger share of the modes, all modes are computed by full matrices
-_SHIFT = 1e-9  # relative to the largest square of a frequency
-_FULL = 500  # up to this number of degrees of freedom, full matrices are used
+from .modes import natural_modes
 
 
 @dataclass(frozen=True)
 class Rayleigh:
-    """Damping C = a M + b K with given ratios at two frequencies.
+    """Damping C = a M + b K with given ratios at two frequencies, or in two modes.
 
     The damping ratio of a mode is a / (2 omega) + b omega / 2: lower between the two frequencies, and higher outside.
 
@@ -30,6 +25,8 @@ class Rayleigh:
         The damping ratio at both frequencies, or at each frequency.
     omega1, omega2 : float
         The angular frequencies, rad/s.
+    modes : (int, int)
+        In place of the frequencies: two modes of the structure, such as (1, 3). Mode 1 has the lowest frequency.
 
     Raises
     ------
@@ -44,19 +41,43 @@ class Rayleigh:
     """
 
     xi: Any
-    omega1: float
-    omega2: float
+    omega1: float | None = None
+    omega2: float | None = None
+    modes: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
-        xi, omega = reals(self.xi, "xi"), reals([self.omega1, self.omega2], "omega1 and omega2")
+        xi = reals(self.xi, "xi")
         if xi.shape not in ((), (2,)) or not (np.isfinite(xi).all() and (xi >= 0).all()):
             raise ValueError(f"xi must be a damping ratio of at least 0, or a pair of them, not {self.xi!r}.")
+        if (self.modes is None) == (self.omega1 is None or self.omega2 is None):
+            raise TypeError("Rayleigh takes two frequencies, omega1 and omega2, or modes=(i, j).")
+        if self.modes is not None:
+            if len({check_count(mode, "a mode") for mode in self.modes}) != 2 or len(self.modes) != 2:
+                raise ValueError(f"modes must be two different modes, not {self.modes!r}.")
+            return
+        omega = reals([self.omega1, self.omega2], "omega1 and omega2")
         if not (np.isfinite(omega).all() and (omega > 0).all() and omega[0] != omega[1]):
             raise ValueError(f"omega1 and omega2 must be positive and differ, not {omega[0]:g} and {omega[1]:g}.")
 
+    def of(self, mass: Mass, K: Any) -> Rayleigh:
+        """Return the damping with the frequencies of a structure in place of its modes."""
+        if self.modes is None:
+            return self
+        i, j = self.modes
+        omega = natural_modes(mass, K, max(i, j))[0]
+        return Rayleigh(self.xi, float(omega[i - 1]), float(omega[j - 1]))
+
     @property
     def coefficients(self) -> tuple[float, float]:
-        """The factors a of M, 1/s, and b of K, s."""
+        """The factors a of M, 1/s, and b of K, s.
+
+        Raises
+        ------
+        ValueError
+            If the damping is given by modes, whose frequencies depend on the structure.
+        """
+        if self.omega1 is None or self.omega2 is None:
+            raise ValueError("the coefficients depend on the structure: problem.params.a and .b have them.")
         (w1, w2), xi = (float(self.omega1), float(self.omega2)), np.broadcast_to(self.xi, 2)
         a, b = np.linalg.solve([[1 / (2 * w1), w1 / 2], [1 / (2 * w2), w2 / 2]], xi)
         return float(a), float(b)
@@ -100,24 +121,3 @@ class Modal:
         omega, shapes = natural_modes(mass, K, self.modes)
         rates = 2 * np.broadcast_to(reals(self.xi, "xi"), omega.shape) * omega
         return np.ascontiguousarray(shapes.T), np.ascontiguousarray((mass.matrix @ shapes * rates).T)
-
-
-def natural_modes(mass: Mass, K: Any, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest angular frequencies, rad/s, and the modes, shape (n, k), normalised with M.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer modes.
-    """
-    n = mass.n
-    if count > n:
-        raise ValueError(f"modes must be at most the {n} degrees of freedom, not {count}.")
-    if n <= _FULL or count > _ALL * n:
-        squares, shapes = scipy.linalg.eigh(K.toarray(), mass.matrix.toarray(), subset_by_index=(0, count - 1))
-    else:
-        shift = -_SHIFT * K.diagonal().max() / mass.matrix.diagonal().max()  # K of a free structure is singular
-        squares, shapes = scipy.sparse.linalg.eigsh(K, count, mass.matrix, sigma=shift)
-        order = np.argsort(squares)
-        squares, shapes = squares[order], shapes[:, order]
-    return np.sqrt(np.maximum(squares, 0.0)), shapes

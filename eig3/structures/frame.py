@@ -10,16 +10,17 @@ import numpy as np
 import scipy.sparse
 
 from ..animation.mechanism import Mechanism
-from ..functions.checks import reals, shown
+from ..functions.checks import check_count, reals, shown
 from ..functions.layout import unknown_name
 from ..keywords import with_suggestions
 from ..problem import Problem
 from ..stability import practical_limit
 from .corotational import chords, energy_of_members, turning_members
 from .corotational_space import chords_in_space, energy_of_members_in_space, turning_members_in_space
-from .damping import Rayleigh
 from .linear import linear
+from .matrices import check_mass, without
 from .members import DIRECTIONS, Member, Section
+from .modes import Modes, highest_frequency, modes_of
 
 _TURNING: dict[int, Any] = {
     2: (turning_members, chords, energy_of_members),
@@ -35,7 +36,9 @@ class Frame:
     """A truss or a frame of nodes, members, masses and supports, in the plane or in space.
 
     Degrees of freedom are named by node and direction, such as ``"roof.ux"``: ux, uy and rz in the plane, and ux, uy,
-    uz, rx, ry and rz in space. Supports, and directions without stiffness and mass, have no degree of freedom.
+    uz, rx, ry and rz in space. Supports, and directions without stiffness and mass, have no degree of freedom. In a
+    frame with masses, rotations without inertia follow the other motion without delay: they are condensed out of the
+    stiffness (Guyan, 1965), and have no degree of freedom either.
 
     Parameters
     ----------
@@ -152,12 +155,13 @@ class Frame:
     def highest_frequency(self) -> float:
         """Return a bound of the angular frequencies, rad/s: the highest frequency of a single member with its masses.
 
-        By Rayleigh's theorem no frequency of the frame is higher (Irons, 1970). The masses of nodes are left out.
+        By Rayleigh's theorem no frequency of the frame is higher (Irons, 1970). The masses of nodes are left out. If a
+        member has stiffness in a direction in which it has no mass, it is the highest frequency of the frame.
 
         Raises
         ------
         ValueError
-            If a member has stiffness in a direction in which it has no mass.
+            If the frame has stiffness in a direction without mass.
         """
         largest = 0.0
         for _, _, member in self._members:
@@ -165,7 +169,8 @@ class Frame:
             some = m > 0
             stiff = np.abs(K[~some]).max(initial=0.0) > _LEAST * np.abs(K).max()
             if stiff or not some.any():
-                raise ValueError("each member must have mass in the directions of its stiffness: give it a density.")
+                _, masses, K = self._with_masses()
+                return highest_frequency(check_mass(masses, None), K)
             root = np.sqrt(m[some])
             squares = np.linalg.eigvalsh(K[np.ix_(some, some)] / np.outer(root, root))
             largest = max(largest, float(np.sqrt(squares.max())))
@@ -208,16 +213,9 @@ class Frame:
             If an argument is not valid, a direction has stiffness and no mass, or, for corotational members in space,
             a support fixes only some of a node's rotations.
         """
-        names, masses, K = self._assembled()
-        without = [name for name, m in zip(names, masses, strict=True) if m == 0]
-        if without:
-            raise ValueError(f"{without[0]} must have a mass: give its members a density, or the node a mass.")
+        names, masses, K = self._with_masses(condensed=not corotational)
         if ground is not None:
-            if direction not in DIRECTIONS[self.dimension][: self.dimension]:
-                raise unknown_name(
-                    "the ground has", direction, DIRECTIONS[self.dimension][: self.dimension], ValueError
-                )
-            options["ground"] = *ground, np.array([float(name.endswith(f".{direction}")) for name in names])
+            options["ground"] = *ground, self._influence(names, direction)
         units = tuple(_UNITS[name.rpartition(".")[2][0]] for name in names)
         if corotational:
             if {"force", "damping", "work", "params"} & {*options}:
@@ -228,16 +226,48 @@ class Frame:
         problem = linear(masses, None, K, t_span=t_span, names=names, units=units, **options)
         if corotational and ground is None:
             problem = problem.with_(energy=energy)
-        h = None if corotational else self._stable_step(options.get("damping"))
+        h = None if corotational else self._stable_step(problem.params)
         return problem.with_(name="frame", view=self._view(names, 1.0), h=h)
 
-    def _stable_step(self, damping: Any) -> float | None:
-        """Return a stable step of EIG-3 from the frequencies of the members, or None if they are unknown."""
-        try:
-            omega = self.highest_frequency()
-        except ValueError:
-            return None
-        a, b = damping.coefficients if isinstance(damping, Rayleigh) else (0.0, 0.0)
+    def modes(self, count: int, direction: str = "ux") -> Modes:
+        """Return the lowest natural modes, with their participation in a ground motion in a direction.
+
+        Parameters
+        ----------
+        count : int
+        direction : str
+
+        Returns
+        -------
+        Modes
+
+        Raises
+        ------
+        ValueError
+            If there are fewer modes, the direction is not known, or a direction has stiffness and no mass.
+        """
+        names, masses, K = self._with_masses()
+        influence = self._influence(names, direction)
+        return modes_of(check_mass(masses, None), K, check_count(count, "count"), influence)
+
+    def _influence(self, names: Sequence[str], direction: str) -> np.ndarray:
+        """Return 1 for the degrees of freedom in a direction of the ground motion, and 0 for the others."""
+        known = DIRECTIONS[self.dimension][: self.dimension]
+        if direction not in known:
+            raise unknown_name("the ground has", direction, known, ValueError)
+        return np.array([float(name.endswith(f".{direction}")) for name in names])
+
+    def _with_masses(self, *, condensed: bool = True) -> tuple[list[str], np.ndarray, Any]:
+        """Return the names, masses and stiffness of degrees of freedom, which must have masses."""
+        names, masses, K = self._assembled(condensed=condensed)
+        light = [name for name, m in zip(names, masses, strict=True) if m == 0]
+        if light:
+            raise ValueError(f"{light[0]} must have a mass: give its members a density, or the node a mass.")
+        return names, masses, K
+
+    def _stable_step(self, params: Any) -> float:
+        """Return a stable step of EIG-3 with the damping of the problem."""
+        omega, (a, b) = self.highest_frequency(), (getattr(params, name, 0.0) for name in "ab")
         return _OF_LIMIT * practical_limit("eig3", a / (2 * omega) + b * omega / 2) / omega
 
     def view(self, factor: float = 1.0) -> Mechanism:
@@ -269,8 +299,11 @@ class Frame:
         columns = np.array([[number.get(f"{node}.{axis}", -1) for axis in axes] for node in self._places])
         return np.array(list(self._places.values())), columns
 
-    def _assembled(self) -> tuple[list[str], np.ndarray, Any]:
-        """Return the names of the degrees of freedom, their masses, and the stiffness."""
+    def _assembled(self, *, condensed: bool = True) -> tuple[list[str], np.ndarray, Any]:
+        """Return the names of the degrees of freedom, their masses, and the stiffness.
+
+        Rotations without inertia are condensed, unless nothing has a mass: K is then of statics.
+        """
         if not self._members:
             raise ValueError("the frame must have at least one member.")
         every = [f"{node}.{direction}" for node in self._places for direction in DIRECTIONS[self.dimension]]
@@ -292,7 +325,12 @@ class Frame:
         K = scipy.sparse.coo_array(given, shape=(len(every),) * 2).tocsr()
         moves = (masses > 0) | (K.diagonal() > _LEAST * K.diagonal().max())
         free = [i for i, name in enumerate(every) if moves[i] and name not in self._fixed]
-        return [every[i] for i in free], masses[free], K[free][:, free]
+        names, masses, K = [every[i] for i in free], masses[free], K[free][:, free]
+        turns = np.array([not name.rpartition(".")[2].startswith("u") for name in names], dtype=bool)
+        stay = (masses > 0) | ~turns
+        if not condensed or stay.all() or not masses.any():
+            return names, masses, K
+        return [name for name, stays in zip(names, stay, strict=True) if stays], masses[stay], without(K, ~stay)
 
     def _place(self, node: str) -> np.ndarray:
         if node not in self._places:

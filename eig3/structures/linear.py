@@ -12,13 +12,13 @@ from ..functions.checks import check_count, check_span, reals, shown
 from ..functions.named import Parameters
 from ..kernels.compile.numba_internals import Jitted
 from ..keywords import with_suggestions
-from ..problem import Problem
 from .damping import Modal, Rayleigh
 from .factors import copies_in, factors
 from .loads import check_ground, check_table
 from .matrices import Mass, check_mass, check_matrix, check_symmetric, edge_of_blocks
 from .modal import exact_motion, unknown
 from .source import LOADED, QUADRATURES, Parts, energy, right_hand_side
+from .structure import Structure
 
 _FUNCTION = "the force is a function: give it as a table if it depends on the time only"
 
@@ -41,7 +41,7 @@ def linear(
     work: bool = False,
     threads: int = 1,
     params: Any = None,
-) -> Problem:
+) -> Structure:
     """Return the problem M u'' + C u' + K u = f of a structure given by its matrices.
 
     Parameters
@@ -77,10 +77,10 @@ def linear(
 
     Returns
     -------
-    Problem
-        Its `params` are M, C, K and the others by name. Its energy is the kinetic plus the elastic energy. Its exact
-        motion is known without C and without a function `force`, for at most 1000 degrees of freedom. Otherwise `exact`
-        is false in a condition, and a call raises an error with the reason.
+    Structure
+        A Problem with a method `modes`. Its `params` are M, C, K and the others by name. Its energy is the kinetic plus
+        the elastic energy. Its exact motion is known without C and without a function `force`, for at most 1000 degrees
+        of freedom. Otherwise `exact` is false in a condition, and a call raises an error with the reason.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def linear(
     parts = Parts(frozenset(has), edge, copies, threads)
     u0, v0, t_span = _start(u0, "u0", n), _start(v0, "v0", n), check_span(t_span)
     every = Parameters(values | own)
-    return Problem(
+    return Structure(
         name="structure",
         rhs=right_hand_side(parts, force if "force" in has else None),
         u0=u0,
@@ -146,7 +146,7 @@ def _of_damping(damping: Any, mass: Mass, K: Any) -> dict[str, Any]:
     if K is None:
         raise ValueError("damping needs K: the frequencies of the structure depend on it.")
     names = ("a", "b") if isinstance(damping, Rayleigh) else ("modes", "rates")
-    found: Any = damping.coefficients if isinstance(damping, Rayleigh) else damping.factors(mass, K)
+    found: Any = damping.of(mass, K).coefficients if isinstance(damping, Rayleigh) else damping.factors(mass, K)
     return dict(zip(names, found, strict=True))
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 import scipy.sparse.csgraph
+import scipy.sparse.linalg
 
 from ..functions.checks import reals, shown
 from ..functions.sparse import is_of_scipy
@@ -106,6 +107,27 @@ def edge_of_blocks(matrices: Any) -> int:
             if stored <= _FILLED * sum(matrix.nnz for matrix in matrices):
                 return edge
     return 1
+
+
+def without(K: Any, left_out: np.ndarray) -> Any:
+    """Return the stiffness of the other degrees of freedom, where those that are left out carry no load.
+
+    Static condensation (Guyan, 1965).
+
+    Raises
+    ------
+    ValueError
+        If the degrees of freedom that are left out can move without a force.
+    """
+    K, kept = K.tocsc(), ~left_out
+    try:
+        followed = scipy.sparse.linalg.splu(K[left_out][:, left_out]).solve(K[left_out][:, kept].toarray())
+    except RuntimeError as error:
+        raise ValueError(
+            "a rotation without inertia moves without a force: support it, or give it an inertia."
+        ) from error
+    condensed = K[kept][:, kept].toarray() - K[kept][:, left_out] @ followed
+    return scipy.sparse.csr_array((condensed + condensed.T) / 2)
 
 
 def _row_sums(matrix: Any) -> np.ndarray:

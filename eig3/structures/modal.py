@@ -6,15 +6,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.sparse
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, reals
 from ..functions.named import Parameters
 from ..problem import Problem, UnknownMotion
-from .damping import natural_modes
 from .factors import Factors
 from .matrices import Mass
+from .modes import natural_modes
+from .structure import mass_of, matrix_of
 
 _LARGEST = 1000  # degrees of freedom up to which all modes are computed, in some tenths of a second
 _RIGID = 1e-10  # relative to the largest square of a frequency; a mode below it is a rigid-body mode
@@ -115,7 +115,7 @@ class ModalMotion:
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray]:
         count = self._params["size"] if self._count is None else self._count
-        return natural_modes(self._mass, _matrix(self._params["K"]), count)
+        return natural_modes(self._mass, matrix_of(self._params["K"]), count)
 
     @property
     def _shapes(self) -> np.ndarray:
@@ -123,8 +123,7 @@ class ModalMotion:
 
     @cached_property
     def _mass(self) -> Mass:
-        m = self._params.get("m")
-        return Mass(m, _matrix(self._params["M"]) if m is None else scipy.sparse.diags_array(m).tocsr())
+        return mass_of(self._params)
 
     @cached_property
     def _rates(self) -> np.ndarray:
@@ -137,7 +136,7 @@ class ModalMotion:
             own = np.einsum("ji,ji->j", has["modes"], has["rates"])[: rates.size]
             rates[: own.size] += own
         if "C" in has:
-            full = shapes.T @ (_matrix(has["C"]) @ shapes)
+            full = shapes.T @ (matrix_of(has["C"]) @ shapes)
             mixed = np.abs(full - np.diag(np.diag(full))).max()
             if mixed > _MIXED * np.abs(full).max():
                 raise ValueError("C couples the modes, which then have no closed form: integrate the problem.")
@@ -218,9 +217,3 @@ def _pushed(c: np.ndarray, tau: np.ndarray, q: Any, rate: Any, force: Any, slope
     v = (rate - last) * decay + last + slope / k * tau
     u = q + (rate - last) * (1 - decay) / k + last * tau + slope / k * tau**2 / 2
     return np.where(is_damped, u, freely[0]), np.where(is_damped, v, freely[1])
-
-
-def _matrix(A: Any) -> Any:
-    """Return a sparse matrix of the parameters as a SciPy array."""
-    make = scipy.sparse.csr_array if A.edge == 1 else scipy.sparse.bsr_array
-    return make((A.data, A.indices, A.indptr), shape=A.shape).tocsr()

@@ -20,6 +20,7 @@ from .content import content, fingerprint
 from .interrupt import DeferredInterrupt
 from .notice import announced
 from .numba_internals import (
+    WITH_ROOTS,
     WITHOUT_C_WRAPPER,
     WITHOUT_RUNTIME,
     WITHOUT_WRAPPERS,
@@ -41,7 +42,7 @@ if numba.config.DISABLE_JIT:
 # "contract" allows LLVM to fuse a*b + c; "nsz" allows it to ignore the sign of zero. Full fastmath would remove the
 # tests for NaN and infinity. With the error model of NumPy, 1/0 is infinite. Python's error model raises an exception,
 # and the check for it prevents vectorised loops.
-OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}, **WITH_ROOTS}
 
 # Numba's runtime counts references to arrays. Kernels do without it for two reasons. LLVM cannot remove the counting of
 # the array arguments around a call through a pointer, and this counting triples the time of a step. And an exception

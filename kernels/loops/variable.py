@@ -232,9 +232,7 @@ def _observing(compiled: Any, module: str, form: Form, n: int, parts: Collection
     """Return a function that calls a compiled kernel with what it needs to observe its steps."""
     if parts is None:
         none = Observation()
-        return lambda callbacks, state, settings, counters, span, look: compiled(
-            callbacks, state, counters, span, none
-        )
+        return lambda callbacks, state, settings, counters, span, look: compiled(callbacks, state, counters, span, none)
     addresses, place = observation(module, form, n, frozenset(parts)), placing()
 
     def observing(callbacks: tuple, state: Any, settings: Any, counters: Any, span: Any, look: Any) -> Any:

@@ -1,0 +1,334 @@
+"""Estimate the error of a run from the same run with other steps, by Richardson extrapolation.
+
+If the error of u is e for the steps h, it is about e r^p for the steps r h, with the order p. The run differs by
+e (1 - r^p) from a finer run, and by e (c^p - 1) from a coarser run with the steps c h: the ratio of the two differences
+gives p, and then the difference from the finer run gives e. With tolerances, the ratio is the factor by which a
+tolerance ten times smaller divides the error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..functions.extremes import Extremes
+
+_LOWEST, _HIGHEST = 0.25, 30.0  # range of the observed orders
+_BELOW = 0.6  # least difference between the order of the method and an observed order that is reported as lower
+_ABOVE = 1.5  # with a higher observed order, the coarser run is not yet or no longer a measure
+_LEAST_ORDER = 1.0  # kinks and jumps lower the order to about 1; a lower one is chaos, or chance
+_LEAST_RATIO = 2.0  # least factor by which the error decreases with a tenth of the tolerance
+_ROUND_OFF = 1e-12  # smaller differences, relative to the motion, may be round-off
+_SMALL = 1e-6  # a degree of freedom that moves less, relative to the largest motion, has no own scale
+_CONVERGING = 0.2  # the orders are measured up to this difference from the coarser run, relative to the motion
+_NO_DIGIT = 0.5  # an error of this fraction of the motion: no digit is right
+_WINDOWS = 16  # parts of the run whose orders are compared
+_GROWING = 1e-10, 0.1  # range of the relative errors in which a rate of growth is measured,
+_FEWEST = 8  # from at least this number of states
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorEstimate:
+    """An estimate of the error of a run: its values minus the exact values.
+
+    Attributes
+    ----------
+    t : ndarray, shape (m,)
+        The times of the saved states.
+    u, v : ndarray, shape (m,) or (m, n)
+        NaN after the end of the compared run, if it ended before.
+    outputs, quadratures : dict of str to ndarray
+        As in the solution. With tolerances, outputs have an error in runs with `t_eval` only.
+    drift : dict of str to float
+    extremes : dict of str to Extremes
+    events : dict of str to ndarray
+        The errors of the times of the occurrences that both runs have.
+    order : float or None
+        The order that the run shows; None with tolerances, or if no coarser run could be compared.
+    reliable_until : float or None
+        The time after which no digit of u is right; None if there is no such time.
+    by : str
+        What the run was compared with.
+    notes : tuple of str
+        Sentences that the user should read.
+    """
+
+    t: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    by: str
+    outputs: dict[str, np.ndarray] = field(default_factory=dict)
+    quadratures: dict[str, np.ndarray] = field(default_factory=dict)
+    drift: dict[str, float] = field(default_factory=dict)
+    extremes: dict[str, Extremes] = field(default_factory=dict)
+    events: dict[str, np.ndarray] = field(default_factory=dict)
+    order: float | None = None
+    reliable_until: float | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def largest(self) -> dict[str, float]:
+        """The largest absolute error of u, v, and each output, quadrature, invariant and event time, by name."""
+        arrays = {"u": self.u, "v": self.v, **self.outputs, **self.quadratures, **self.drift, **self.events}
+        return {name: _largest(values) for name, values in arrays.items()}
+
+    def __str__(self) -> str:
+        order = "" if self.order is None else f", which show the order {self.order:.1f}"
+        until, u = "", self.u
+        if self.reliable_until is not None:
+            until, u = f" before t = {self.reliable_until:.4g}", u[self.t < self.reliable_until]
+        return f"error of u at most {_largest(u):.2g}{until} (estimated from {self.by}{order})"
+
+    __repr__ = __str__
+
+
+@dataclass(frozen=True)
+class Companion:
+    """A run with other steps, and the states that both runs have.
+
+    Attributes
+    ----------
+    solution : Solution
+    ratio : float
+        Its step, or its tolerance, divided by the step or the tolerance of the run.
+    rows, own : ndarray of int
+        The rows of the states in the run, and in the companion.
+    u, v : ndarray
+        The states of the companion.
+    name : str
+        Such as "a run with half the step".
+    """
+
+    solution: Any
+    ratio: float
+    rows: np.ndarray
+    own: np.ndarray | None
+    u: np.ndarray
+    v: np.ndarray
+    name: str
+
+    @classmethod
+    def at_same_steps(cls, solution: Any, other: Any, ratio: float, name: str) -> Companion:
+        """Return a companion with a fixed step, some of whose states are at the same times."""
+        least = 1e-3 * min(solution.h, other.h)
+        if len(other.t) == len(solution.t) and np.abs(other.t - solution.t).max() <= least:
+            rows = np.arange(len(other.t))
+            return cls(other, ratio, rows, rows, other.u, other.v, name)
+        own = np.minimum(np.searchsorted(other.t, solution.t - least), len(other.t) - 1)
+        rows = np.flatnonzero(np.abs(other.t[own] - solution.t) <= least)
+        own = own[rows]
+        return cls(other, ratio, rows, own, other.u[own], other.v[own], name)
+
+    @classmethod
+    def between_steps(cls, solution: Any, other: Any, ratio: float, name: str) -> Companion:
+        """Return a companion with tolerances, whose states are interpolated."""
+        if len(other.t) == len(solution.t) and (other.t == solution.t).all():  # t_eval
+            rows = np.arange(len(other.t))
+            return cls(other, ratio, rows, rows, other.u, other.v, name)
+        rows = np.flatnonzero(solution.t <= other.t[-1])
+        u, v = other._interpolated(solution.t[rows])
+        return cls(other, ratio, rows, None, u, v, name)
+
+
+def estimate(solution: Any, fine: Companion, coarse: Companion | None, order: int | None) -> ErrorEstimate:
+    """Return the error of a solution by a finer and by a coarser run; `order` is None with tolerances."""
+    scale = _scale(solution.u)
+    first = (solution.u[fine.rows] - fine.u) / scale
+    is_tiny = bool(np.abs(first).max(initial=0.0) < _ROUND_OFF)
+    notes: list[str] = []
+    differences = None
+    if coarse is not None and coarse.solution.success:
+        differences = Differences.of(solution, fine, coarse, scale)
+    seen = differences and differences.ratio()
+    if order is None:
+        factor = 1 / (1 - 1 / max(_LEAST_RATIO, seen)) if seen and math.isfinite(seen) else 1.0
+        observed = None
+    else:
+        observed, factor = _by_order(seen, fine, coarse, order, notes)
+        if differences and coarse and observed is not None and observed < order - _BELOW:
+            ratios = coarse.ratio, fine.ratio
+            notes.append(_lower(solution.method.label, differences, ratios, observed, order, is_tiny))
+    if is_tiny and (order is None or observed is None or observed < order - _BELOW):
+        factor = 1.0
+    if not fine.solution.success:
+        notes.append(f"The compared run, {fine.name}, ended early: {fine.solution.message}")
+
+    def errors(values: np.ndarray, others: np.ndarray) -> np.ndarray:
+        return _everywhere(solution.t, fine.rows, factor * (values[fine.rows] - others))
+
+    u = errors(solution.u, fine.u)
+    until, note = _reliable_until(solution.t, u, scale)
+    notes += [note] if note else []
+    own, other = fine.own, fine.solution
+    at_states = own is not None
+    events, counts = _of_events(solution, other, factor)
+    notes += counts
+    return ErrorEstimate(
+        t=solution.t,
+        u=u,
+        v=errors(solution.v, fine.v),
+        by=fine.name if coarse is None else f"{fine.name} and {coarse.name}",
+        outputs={name: errors(x, other.outputs[name][own]) for name, x in solution.outputs.items() if at_states},
+        quadratures={
+            name: errors(x, other.quadratures[name][own]) for name, x in solution.quadratures.items() if at_states
+        },
+        drift={name: factor * (x - other.drift[name]) for name, x in solution.drift.items()},
+        extremes={
+            name: Extremes(*(factor * (np.asarray(x) - y) for x, y in zip(each, other.extremes[name], strict=True)))
+            for name, each in solution.extremes.items()
+        },
+        events=events,
+        order=observed,
+        reliable_until=until,
+        notes=tuple(notes),
+    )
+
+
+def _scale(u: np.ndarray) -> Any:
+    """Return the size of the motion of each degree of freedom."""
+    sizes = np.abs(u).max(axis=0, initial=0.0)
+    largest = float(np.max(sizes, initial=0.0))
+    return np.maximum(sizes, max(_SMALL * largest, np.finfo(float).tiny))
+
+
+class Differences(NamedTuple):
+    """The differences of a run from a finer and from a coarser run, in the states that all three have.
+
+    Attributes
+    ----------
+    t : ndarray, shape (k,)
+    fine, coarse : ndarray, shape (k,)
+        Norms of the differences relative to the size of the motion.
+    """
+
+    t: np.ndarray
+    fine: np.ndarray
+    coarse: np.ndarray
+
+    @classmethod
+    def of(cls, solution: Any, fine: Companion, coarse: Companion, scale: Any) -> Differences:
+        """Compare up to the time after which the coarser run is another motion."""
+        rows, *both = np.intersect1d(fine.rows, coarse.rows, assume_unique=True, return_indices=True)
+        norms = []
+        for other, some in zip((fine, coarse), both, strict=True):
+            relative = (solution.u[rows] - other.u[some]) / scale
+            norms.append(np.linalg.norm(relative.reshape(len(rows), -1), axis=1) if len(rows) else np.empty(0))
+        apart = np.flatnonzero(~(norms[1] < _CONVERGING))
+        count = apart[0] if len(apart) and apart[0] > 1 else len(rows)
+        return cls(solution.t[rows[:count]], norms[0][:count], norms[1][:count])
+
+    def ratio(self, some: slice = slice(None)) -> float | None:
+        """The ratio of the differences in some of the states; None if it is not known."""
+        fine, coarse = (float(np.linalg.norm(x[some])) for x in (self.fine, self.coarse))
+        if not len(self.t[some]) or not math.isfinite(coarse):
+            return None
+        return coarse / fine if fine else math.inf
+
+
+def _by_order(
+    seen: float | None, fine: Companion, coarse: Companion | None, order: int, notes: list[str]
+) -> tuple[float | None, float]:
+    """Return the observed order and the factor of the differences from the finer run."""
+    observed = None if seen is None or coarse is None else _order(seen, coarse.ratio, fine.ratio)
+    if coarse is not None and (observed is None or observed > order + _ABOVE):
+        notes.append(
+            f"{coarse.name.capitalize()} does not follow the motion: the step is near the limit of stability, or long "
+            "for the motion, and the order is not known."
+        )
+        observed = None
+    return observed, 1 / (1 - fine.ratio ** max(_LEAST_ORDER, observed or order))
+
+
+def _order(seen: float, c: float, r: float) -> float:
+    """Solve (c^p - 1) / (1 - r^p) = seen for p."""
+    low, high = _LOWEST, _HIGHEST
+    for _ in range(50):
+        middle = (low + high) / 2
+        low, high = (middle, high) if (c**middle - 1) / (1 - r**middle) < seen else (low, middle)
+    return low
+
+
+def _lower(
+    label: str, differences: Differences, ratios: tuple[float, float], observed: float, order: int, is_tiny: bool
+) -> str:
+    """Describe an order below the order of the method."""
+    if is_tiny:
+        return "The differences of the runs are near round-off: shorter steps do not help."
+    t = differences.t
+    begin = t[0]
+    for some in _windows(len(t)):
+        seen = differences.ratio(some)
+        if seen and _order(seen, *ratios) >= order - _BELOW:
+            begin = t[min(some.stop, len(t) - 1)]
+    since = "" if begin == t[0] else f" from t = {begin:.4g} on"
+    return (
+        f"The run shows the order {observed:.1f}{since}, and {label} has the order {order}. It is lower if rhs has "
+        "kinks or jumps, as from contacts, friction, impacts and records with corners, if h is still long for the "
+        "motion, or if round-off is near."
+    )
+
+
+def _windows(count: int) -> Iterator[slice]:
+    """Yield the parts of the common states."""
+    edges = np.unique(np.linspace(0, count, _WINDOWS + 1).astype(int))
+    return (slice(a, b) for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+
+
+def _everywhere(t: np.ndarray, rows: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """Return the errors of all saved states: interpolated between the common states, and NaN after the last."""
+    if len(rows) == len(t):
+        return errors
+    found = np.full((len(t), *errors.shape[1:]), np.nan)
+    if len(rows):
+        inside = slice(rows[0], rows[-1] + 1)
+        columns = errors.reshape(len(rows), -1).T
+        values = [np.interp(t[inside], t[rows], column) for column in columns]
+        found[inside] = np.stack(values, axis=1).reshape(found[inside].shape)
+    return found
+
+
+def _reliable_until(t: np.ndarray, u: np.ndarray, scale: Any) -> tuple[float | None, str]:
+    """Return the time after which no digit is right, and a sentence about the growth of the error."""
+    relative = np.abs(u / scale).reshape(len(t), -1).max(axis=1)
+    wrong = np.flatnonzero(relative >= _NO_DIGIT)
+    if not len(wrong):
+        return None, ""
+    until = float(t[wrong[0]])
+    largest = np.maximum.accumulate(np.nan_to_num(relative[: wrong[0]]))
+    some = np.flatnonzero((largest > _GROWING[0]) & (largest < _GROWING[1]))
+    sentence = f"No digit of u is right from t = {until:.4g} on."
+    if len(some) < _FEWEST or t[some[0]] <= t[0]:
+        return until, sentence
+    log = np.log(largest[some])
+    (rate, _), by_rate = _line(t[some], log)
+    (_, _), by_power = _line(np.log(t[some] - t[0]), log)
+    if by_rate < by_power:
+        sentence += f" The error grows like exp({rate:.2g} t): the motion is sensitive to its start, or chaotic."
+    return until, sentence
+
+
+def _line(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the line through some points, and the sum of its squared distances."""
+    line, residuals, *_ = np.polyfit(x, y, 1, full=True)
+    return line, float(np.sum(residuals))
+
+
+def _of_events(solution: Any, other: Any, factor: float) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return the errors of the times of events, and a sentence about each event whose counts differ."""
+    errors, notes = {}, []
+    for name, found in solution.events.items():
+        others = other.events[name].t
+        both = min(len(found.t), len(others))
+        errors[name] = factor * (found.t[:both] - others[:both])
+        if len(found.t) != len(others):
+            notes.append(f"{name} occurs {len(found.t)} times, and {len(others)} times in the compared run.")
+    return errors, notes
+
+
+def _largest(values: Any) -> float:
+    finite = np.abs(np.asarray(values, dtype=np.float64))
+    return float(np.max(finite, initial=0.0, where=~np.isnan(finite)))

@@ -1,0 +1,248 @@
+"""Run to an accuracy: estimate the error of a run, and repeat it with shorter steps until it is small enough."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..functions.checks import check_method, check_span, reals, shown
+from ..functions.layout import unknown_name
+from ..methods import RK5, RK8, RKN12
+from ..result.solution import Solution, Status
+from ..stepping.options import RunOptions
+from ..stepping.tolerances import LEAST_RTOL
+from .prepare import Prepared
+from .run import IntegrationError
+
+_AIM = 0.5  # the next run aims at this fraction of the accuracy
+_FIRST_RTOL = 0.1  # of the accuracy; the error of a whole run is larger than the error of a step
+_LARGEST_RTOL = 1e-2
+_STEPS = 1000  # of the first run of a method with a fixed step
+_MOST_RUNS = 12
+_LEAST_GAIN = 0.7  # a refined run whose error is a larger fraction of the best error does not converge,
+_MOST_STALLED = 2  # and after this number of such runs the search ends
+_LARGEST_CHANGE = 1e-4  # least factor from one step, or tolerance, to the next
+_SHORTEN = 0.25  # factor to a step that was unstable
+_WITH_TOLERANCES = RK5, RK8, RKN12  # other methods take a fixed step
+
+#: The h or rtol with which a function reached an accuracy, by the method and the accuracy.
+_learned: WeakKeyDictionary[Any, dict[Any, float]] = WeakKeyDictionary()
+
+
+class Goal(NamedTuple):
+    """The accuracy of a run.
+
+    Attributes
+    ----------
+    wanted : dict of str to float
+        The largest error of each quantity: "u", "v", "drift", or the name of an output, a quadrature or an event.
+    scale : float or None
+        The size to which the errors are relative; None for the largest size of each quantity.
+    max_seconds : float
+    """
+
+    wanted: Mapping[str, float]
+    scale: float | None
+    max_seconds: float
+
+    def misses(self, solution: Solution) -> dict[str, float]:
+        """Return each error as a multiple of the wanted error."""
+        assert solution.error
+        largest, found = solution.error.largest, {}
+        for name, wanted in self.wanted.items():
+            if name == "drift":
+                sizes = [
+                    drift / self._size(np.array([solution.extremes[each].low, solution.extremes[each].high]))
+                    for each, drift in solution.drift.items()
+                ]
+                error = max(sizes, default=0.0)
+            elif name in solution.events:
+                error = largest[name] / (self.scale or solution.t[-1] - solution.t[0])
+            else:
+                values = getattr(solution, name) if name in ("u", "v") else _values(solution, name)
+                error = largest[name] / self._size(values)
+            found[name] = error / wanted
+        return found
+
+    def _size(self, values: np.ndarray) -> float:
+        largest = float(np.abs(values).max(initial=0.0))
+        return self.scale or largest or 1.0
+
+
+def _values(solution: Solution, name: str) -> np.ndarray:
+    return np.asarray((solution.outputs | solution.quadratures).get(name, 1.0))
+
+
+def check_goal(accuracy: Any, scale: Any, max_seconds: Any) -> Goal:
+    """Check the arguments of a run to an accuracy.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an accuracy is not between 0 and 1 (or positive, with a scale), or a name is not a text.
+    """
+    given = dict(accuracy) if isinstance(accuracy, Mapping) else {"u": accuracy}
+    limit = 1.0 if scale is None else math.inf
+    for name, value in given.items():
+        number = reals(value, "accuracy")
+        if not isinstance(name, str) or number.ndim or not 0 < number < limit:
+            raise ValueError(
+                f"accuracy must be a relative error between 0 and 1, or such errors by name, not {shown(accuracy)}."
+            )
+    if not given:
+        raise ValueError("accuracy must name at least one error, such as {'u': 1e-6}.")
+    for name, value in (("scale", scale), ("max_seconds", max_seconds)):
+        if value is not None and not (np.ndim(value) == 0 and np.isreal(value) and 0 < value < math.inf):
+            raise ValueError(f"{name} must be a positive number, not {shown(value)}.")
+    wanted = {name: float(value) for name, value in given.items()}
+    seconds = math.inf if max_seconds is None else float(max_seconds)
+    return Goal(wanted, None if scale is None else float(scale), seconds)
+
+
+def refuse_without_accuracy(**given: Any) -> None:
+    """Refuse arguments that belong to an accuracy."""
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name} belongs to accuracy: give accuracy too, or leave out {name}.")
+
+
+def reach(
+    goal: Goal,
+    rhs: Any,
+    prepare: Callable[..., Prepared],
+    options: dict[str, Any],
+    start: tuple,
+    of_call: dict[str, Any],
+) -> Solution:
+    """Return the first run that reaches an accuracy, or the best run with the status ACCURACY_NOT_REACHED.
+
+    Parameters
+    ----------
+    goal : Goal
+    rhs : jitted function
+    prepare : callable
+        ``prepare(**options)`` returns the prepared run with some options.
+    options, of_call : dict
+        The options of `integrate` that a prepared run has, and the options of a call.
+    start : tuple
+        The arguments of a call of the prepared run.
+
+    Raises
+    ------
+    ValueError
+        If an option fixes the step, the run writes files, or the accuracy has a name that is not known.
+    """
+    for name in ("h", "rtol", "atol", "first_step", "max_steps"):
+        if options.get(name) is not None:
+            raise ValueError(f"accuracy and {name} exclude each other: accuracy chooses the step.")
+    if of_call.get("save_to") is not None:
+        raise ValueError("accuracy and save_to exclude each other: several runs may be needed; save the solution.")
+    method = None if options.get("method") is None else check_method(options["method"])
+    knob = "rtol" if method is None or isinstance(method, _WITH_TOLERANCES) else "h"
+    first, raises = dict(of_call), bool(of_call.get("raise_on_failure"))
+    first |= {"check": True, "raise_on_failure": False}
+    key = (method, *sorted(goal.wanted.items()), goal.scale)
+    known, search = _learned.setdefault(rhs, {}), _Search(goal, knob)
+    value = known.get(key) or search.first(start[0])
+    while True:
+        prepared = prepare(**{**options, knob: value})
+        _check_names(goal, prepared.options)
+        solution = prepared(*start, **first)
+        following = search.after(solution, value)
+        if following is None:
+            break
+        value = following
+    if search.reached:
+        known[key] = value
+        return solution
+    solution = search.best() if search.runs else solution
+    if raises:
+        raise IntegrationError(solution)
+    return solution
+
+
+def _check_names(goal: Goal, options: RunOptions) -> None:
+    """Refuse names of quantities whose error the run does not have."""
+    at_states = {*options.functions.outputs, *options.quadratures}
+    known = {"u", "v", "drift", *at_states, *options.events}
+    for name in goal.wanted:
+        if name not in known:
+            raise unknown_name("accuracy has", name, sorted(known), ValueError)
+        if name in at_states and options.has_tolerances and options.t_eval is None:
+            raise ValueError(f"accuracy of {name!r} needs t_eval, or a method with a fixed step.")
+
+
+class _Search:
+    """The search for the step, or the tolerance, that reaches an accuracy."""
+
+    def __init__(self, goal: Goal, knob: str) -> None:
+        self.goal, self.knob = goal, knob
+        self.runs: list[tuple[float, Solution]] = []  # each error as a multiple of the wanted error, and the run
+        self.reached, self._reason = False, f"{_MOST_RUNS} runs were not enough"
+        self._count, self._stalled, self._begin = 0, 0, time.perf_counter()
+        self._before = self._begin
+
+    def first(self, span: Any) -> float:
+        """Return the step, or the tolerance, of the first run."""
+        if self.knob == "h":
+            t0, t1 = check_span(span)
+            return (t1 - t0) / _STEPS
+        return max(LEAST_RTOL, min(_LARGEST_RTOL, _FIRST_RTOL * min(self.goal.wanted.values())))
+
+    def after(self, solution: Solution, value: float) -> float | None:
+        """Return the step, or the tolerance, of the next run; None if there is none."""
+        now, self._count = time.perf_counter(), self._count + 1
+        seconds, self._before = now - self._before, now
+        if not solution.success:
+            is_unstable = self.knob == "h" and solution.status is Status.DIVERGED
+            return value * _SHORTEN if is_unstable and self._may_run(seconds / _SHORTEN) else None
+        miss = max(self.goal.misses(solution).values())
+        self.reached = miss <= 1
+        if self.runs and miss > _LEAST_GAIN * min(self.runs, key=_miss)[0]:
+            self._stalled += 1
+        self.runs.append((miss, solution))
+        least = LEAST_RTOL if self.knob == "rtol" else 0.0
+        if self.reached:
+            return None
+        if self._stalled >= _MOST_STALLED or value <= least:
+            self._reason = _why(solution)
+            return None
+        order = 1.0 if self.knob == "rtol" else max(1.0, solution.order or solution.method.order)
+        factor = min(0.5, max(_LARGEST_CHANGE, (_AIM / miss) ** (1 / order)))
+        return max(least, value * factor) if self._may_run(seconds / (factor if self.knob == "h" else 1.0)) else None
+
+    def _may_run(self, seconds: float) -> bool:
+        """Whether there may be a further run of this time."""
+        if time.perf_counter() - self._begin + seconds > self.goal.max_seconds:
+            self._reason = f"the next run would exceed max_seconds = {self.goal.max_seconds:g}"
+            return False
+        return self._count < _MOST_RUNS
+
+    def best(self) -> Solution:
+        """Return the run with the smallest error, with the reason why the accuracy is not reached."""
+        _, solution = min(self.runs, key=_miss)
+        misses = self.goal.misses(solution)
+        name = max(misses, key=lambda each: misses[each])
+        wanted = self.goal.wanted[name]
+        solution.status = Status.ACCURACY_NOT_REACHED
+        solution.message = (
+            f"The accuracy {wanted:g} of {name} is not reached, because {self._reason}: the estimated error is "
+            f"{misses[name] * wanted:.2g}."
+        )
+        return solution
+
+
+def _miss(run: tuple[float, Solution]) -> float:
+    return run[0]
+
+
+def _why(solution: Solution) -> str:
+    """Return the reason why a shorter step does not help."""
+    if solution.reliable_until is not None:
+        return f"no digit of u is right after t = {solution.reliable_until:.4g}, as in a chaotic motion"
+    return "round-off, or kinks of the motion, limit the error"

@@ -1,0 +1,163 @@
+"""`accuracy=`: the error that a run is asked for, against the true error, and what is said when it is not reached."""
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import Status, problems
+from eig3.cli import main
+from eig3.run import accuracy as module
+
+from .conftest import position, spring
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return 0.5 * (u * u + v * v)
+
+
+@eig3.jit
+def falling(t, u, v, p):
+    return u
+
+
+def run(**options):
+    return eig3.integrate(spring, (0, 20), 3.0, 0.0, params=1.0, **options)
+
+
+def runs_of(monkeypatch):
+    """Return a list that gets the h or the rtol of each run that is compared with an accuracy."""
+    seen, after = [], module._Search.after
+    monkeypatch.setattr(
+        module._Search, "after", lambda self, solution, value: seen.append(value) or after(self, solution, value)
+    )
+    module._learned.clear()
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("method", "accuracy"),
+    [*((method, x) for method in (None, "rk4", "rk8") for x in (1e-2, 1e-5, 1e-9)), ("eig3", 1e-2), ("eig3", 1e-5)],
+)
+def test_the_error_is_at_most_the_accuracy(method, accuracy):
+    """The estimate is right to about 10 % where the runs follow their order."""
+    solution = run(accuracy=accuracy, method=method)
+    assert solution.success
+    error = np.abs(solution.u - 3 * np.cos(solution.t)).max() / 3
+    assert error < 1.2 * accuracy
+    assert solution.error.largest["u"] <= 3 * accuracy
+    assert (solution.steps is None) == (method in ("eig3", "rk4"))
+
+
+def test_a_scale_makes_the_accuracy_absolute():
+    solution = run(accuracy=1e-3, scale=0.1, method="eig3")
+    assert np.abs(solution.u - 3 * np.cos(solution.t)).max() < 1.1e-4
+
+
+def test_several_errors_can_be_bounded():
+    options = {"invariants": {"energy": energy}, "outputs": {"height": position}}
+    wanted = {"u": 1e-2, "v": 1e-3, "drift": 1e-6, "height": 1e-4}
+    solution = run(accuracy=wanted, method="rk4", **options)
+    assert solution.drift["energy"] / 4.5 <= 1e-6
+    assert np.abs(solution.outputs["height"] - 3 * np.cos(solution.t)).max() / 3 < 1.1e-4
+    event = eig3.Event(position, direction=-1)
+    solution = run(accuracy={"down": 1e-7}, events={"down": event}, method="rk4")
+    times = np.pi / 2 + 2 * np.pi * np.arange(3)
+    assert np.abs(solution.events["down"].t - times).max() / 20 < 1.2e-7
+
+
+def test_what_was_learned_is_kept(monkeypatch):
+    """The second call begins with the step that reached the accuracy, and takes one run."""
+    seen = runs_of(monkeypatch)
+    first = run(accuracy=1e-6, method="eig3")
+    searched = len(seen)
+    again = run(accuracy=1e-6, method="eig3")
+    assert searched > 1
+    assert len(seen) == searched + 1
+    np.testing.assert_array_equal(again.u, first.u)
+
+
+def test_the_result_is_that_of_the_step_that_was_found(monkeypatch):
+    seen = runs_of(monkeypatch)
+    solution = run(accuracy=1e-4, method="rk4")
+    np.testing.assert_array_equal(solution.u, run(h=seen[-1], method="rk4").u)
+
+
+def test_an_unstable_first_step_is_shortened():
+    """The limit of EIG-3 is h = 2 / 300, and the first step 0.02."""
+    solution = eig3.integrate(spring, (0, 20), 1.0, 0.0, params=300.0, accuracy=1e-2, method="eig3")
+    assert solution.success
+    assert np.abs(solution.u - np.cos(300 * solution.t)).max() < 1.2e-2
+
+
+def test_a_problem_takes_an_accuracy():
+    problem = problems.spring_pendulum(t_end=10.0)
+    solution = problem.integrate(accuracy={"u": 1e-6, "drift": 1e-7})
+    exact = problem.integrate(rtol=1e-13, method="rk8", t_eval=solution.t)
+    assert np.abs(solution.u - exact.u).max() / np.abs(exact.u).max() < 1e-6
+    assert problem.integrate(accuracy=1e-4, t_end=5.0).t[-1] == 5.0
+
+
+# When it is not reached ----------------------------------------------------------------------------------------------
+
+
+def test_round_off_is_the_reason():
+    solution = run(accuracy=1e-15)
+    assert solution.status is Status.ACCURACY_NOT_REACHED
+    assert not solution.success
+    assert "The accuracy 1e-15 of u is not reached, because round-off" in solution.message
+    assert np.abs(solution.u - 3 * np.cos(solution.t)).max() < 1e-11  # this is the best run
+    with pytest.raises(eig3.IntegrationError, match="is not reached, because round-off"):
+        run(accuracy=1e-15, raise_on_failure=True)
+
+
+def test_chaos_is_the_reason():
+    """An error of round-off grows to the size of the motion within 40 s or so."""
+    problem = problems.double_pendulum(theta1=2.0, theta2=2.5, t_end=80.0)
+    solution = problem.integrate(accuracy=1e-3)
+    assert solution.status is Status.ACCURACY_NOT_REACHED
+    assert "as in a chaotic motion" in solution.message
+    assert 20 < solution.reliable_until < 70
+
+
+def test_time_is_the_reason(monkeypatch):
+    seen = runs_of(monkeypatch)
+    solution = run(accuracy=1e-9, method="eig3", max_seconds=1e-9)
+    assert len(seen) == 1
+    assert "because the next run would exceed max_seconds = 1e-09" in solution.message
+
+
+def test_a_run_that_fails_is_returned():
+    """u grows like exp(t), beyond all numbers at t = 710."""
+    solution = eig3.integrate(falling, (0, 1000), 1.0, 1.0, accuracy=1e-3)
+    assert solution.status not in (Status.COMPLETED, Status.ACCURACY_NOT_REACHED)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "words"),
+    [
+        ({"accuracy": 0.0}, ValueError, "accuracy must be a relative error between 0 and 1"),
+        ({"accuracy": {"u": 2.0}}, ValueError, "accuracy must be a relative error between 0 and 1"),
+        ({"accuracy": {}}, ValueError, "accuracy must name at least one error"),
+        ({"accuracy": "high"}, (TypeError, ValueError), "accuracy must be"),
+        ({"accuracy": {"w": 1e-3}}, ValueError, "accuracy has no w"),
+        ({"accuracy": {"y": 1e-3}, "outputs": {"y": position}}, ValueError, "accuracy of 'y' needs t_eval"),
+        ({"accuracy": 1e-3, "h": 0.1}, ValueError, "accuracy and h exclude each other"),
+        ({"accuracy": 1e-3, "rtol": 0.1}, ValueError, "accuracy and rtol exclude each other"),
+        ({"accuracy": 1e-3, "save_to": "run"}, ValueError, "accuracy and save_to exclude each other"),
+        ({"accuracy": 1e-3, "scale": -1.0}, ValueError, "scale must be a positive number"),
+        ({"accuracy": 1e-3, "max_seconds": 0}, ValueError, "max_seconds must be a positive number"),
+        ({"h": 0.1, "scale": 1.0}, ValueError, "scale belongs to accuracy"),
+        ({"accuracy": 1e-3, "method": eig3.Langevin(1.0, 1.0)}, ValueError, "adds random numbers"),
+    ],
+)
+def test_bad_arguments(given, error, words):
+    with pytest.raises(error, match=words):
+        run(**given)
+
+
+def test_command(capsys):
+    assert main(["run", "spring_pendulum", "--accuracy", "1e-5", "--t-end", "5"]) == 0
+    assert "error of u at most" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["run", "spring_pendulum", "--accuracy", "1e-5", "--h", "0.1"])

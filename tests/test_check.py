@@ -1,0 +1,307 @@
+"""`check=True`: the estimated error of a run against the true error, its order, and the time from which it is wrong."""
+
+import copy
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import eig3
+from eig3 import problems
+from eig3.result.error_estimate import _order
+
+from .conftest import position, spring
+
+
+@eig3.jit
+def swinging_atwood(t, u, v, p, a):
+    a[0] = (u[0] * v[1] ** 2 - p[0] * 9.81 + 9.81 * np.cos(u[1])) / (1 + p[0])
+    a[1] = -(2 * v[0] * v[1] + 9.81 * np.sin(u[1])) / u[0]
+
+
+@eig3.jit
+def double_well(t, u, v, p):
+    return u - u**3 - 0.1 * v + 0.3 * np.cos(1.2 * t)
+
+
+@eig3.jit
+def jump(t, u, v, p):
+    return (1.0 if t > 5 + 1 / 3 else 0.0) - u
+
+
+SYSTEMS = {
+    "swinging atwood": (swinging_atwood, (0.0, 5.0), [1.0, 1.2], [0.0, 0.0], [3.0]),
+    "double well": (double_well, (0.0, 20.0), 1.0, 0.5, ()),
+}
+_EXACT = {}
+
+
+def run(system, **options):
+    rhs, span, u0, v0, params = SYSTEMS[system]
+    if "steps" in options:
+        options["h"] = (span[1] - span[0]) / options.pop("steps")
+    return eig3.integrate(rhs, span, u0, v0, params=params, **options)
+
+
+def true_error(system, solution):
+    """The errors of u and v at the saved times, by RK8 with the smallest tolerance; each exact run is made once."""
+    if system not in _EXACT:
+        _EXACT[system] = run(system, rtol=3e-14, method="rk8")
+    u, v = _EXACT[system].at(solution.t)
+    return solution.u - u, solution.v - v
+
+
+# Estimated and true errors -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+@pytest.mark.parametrize(
+    ("method", "steps"),
+    [("eig3", 1000), ("eig3", 1001), ("eig3", 16000), ("rk4", 500), ("rk4", 4000), ("eig9", 4000), ("rk8", 250)],
+)
+def test_the_estimate_is_the_true_error(system, method, steps):
+    """The next term of the series of the error is smaller by about the step: 20 % allow for the coarsest runs."""
+    solution = run(system, method=method, steps=steps, check=True)
+    error = solution.error
+    for estimated, true in zip((error.u, error.v), true_error(system, solution), strict=True):
+        largest = np.abs(true).max()
+        assert np.abs(estimated - true).max() < 0.2 * largest + 1e-12
+    assert error.largest["u"] == pytest.approx(np.abs(error.u).max())
+    if error.largest["u"] > 1e-10:
+        assert solution.order == pytest.approx(solution.method.order, abs=0.6)
+        assert f"which show the order {solution.order:.1f})" in repr(solution)
+        assert not error.notes
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+@pytest.mark.parametrize(("method", "rtol"), [("rk8", 1e-5), ("rk8", 1e-9), ("eig3", 1e-5)])
+@pytest.mark.parametrize("options", [{}, {"t_eval": np.linspace(0.0, 5.0, 33)}], ids=["steps", "t_eval"])
+def test_the_estimate_with_tolerances_is_within_a_factor_of_two(system, method, rtol, options):
+    solution = run(system, method=method, rtol=rtol, check=True, **options)
+    true = np.abs(true_error(system, solution)[0]).max()
+    assert 0.5 < solution.error.largest["u"] / true < 2
+    assert solution.order is None
+    assert "a run with a tenth of the tolerance" in repr(solution)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"save_every": None},
+        {"save_every": 7},
+        {"save_every": 8},
+        {"save_every": 3, "steps": 1001},
+        {"t_eval": np.linspace(0.0, 20.0, 33)},
+        {"t_eval": np.linspace(0.0, 20.0, 33), "steps": 1001},
+    ],
+)
+def test_the_saved_states_have_errors(options):
+    solution = run("double well", method="rk4", check=True, **{"steps": 1000, **options})
+    true = true_error("double well", solution)[0]
+    assert solution.error.u.shape == solution.u.shape
+    assert np.abs(solution.error.u - true).max() < 0.02 * np.abs(true).max()
+    has_order = options.get("save_every", 0) is not None or solution.n_steps % 2 == 0
+    assert (solution.order is not None) == has_order
+
+
+@pytest.mark.parametrize(("steps", "method"), [({"h": 0.05}, "eig3"), ({"rtol": 1e-4}, "rk5")])
+def test_outputs_invariants_extremes_and_events_have_errors(steps, method):
+    """u = cos(t): the height is u, the energy 1/2, and u falls through 0.3 at arccos(0.3) and 2 pi later.
+
+    The extremes of a run with a fixed step are missed by up to a half of h^2 / 4, which is not a smooth function of h.
+    """
+    event = eig3.Event(crossing, direction=-1)
+    options = {"invariants": {"energy": energy}, "outputs": {"height": position}, "events": {"down": event}}
+    solution = eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, method=method, check=True, **steps, **options)
+    error = solution.error
+    missed = solution.events["down"].t - np.arccos(0.3) - 2 * np.pi * np.arange(2)
+    np.testing.assert_allclose(error.events["down"], missed, rtol=0.3, atol=0.05 * np.abs(missed).max())
+    assert 0.25 < error.drift["energy"] / solution.drift["energy"] < 4  # a maximum over steps is not smooth either
+    assert abs(error.extremes["height"].low) < 3 * abs(solution.extremes["height"].low + 1)
+    assert error.largest.keys() >= {"u", "v", "energy", "down"}
+    assert ("height" in error.outputs) == ("h" in steps)
+    if error.outputs:
+        np.testing.assert_array_equal(error.outputs["height"], error.u)
+
+
+@eig3.jit
+def crossing(t, u, v, p):
+    return u - 0.3
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return 0.5 * (u * u + v * v)
+
+
+def test_the_work_has_an_error():
+    damped = eig3.linear([1.0], [[0.1]], [[1.0]], t_span=(0, 20), u0=1.0, work=True)
+    solution = damped.integrate(h=0.02, check=True)
+    exact = damped.integrate(rtol=1e-12, t_eval=solution.t).quadratures["work"]
+    error = solution.quadratures["work"] - exact
+    assert np.abs(solution.error.quadratures["work"] - error).max() < 0.1 * np.abs(error).max()
+
+
+def test_the_order_is_the_root_of_the_ratio_of_the_differences():
+    for order in (0.7, 2.0, 8.0):
+        assert _order((2**order - 1) / (1 - (2 / 3) ** order), 2.0, 2 / 3) == pytest.approx(order, abs=1e-9)
+
+
+# What lowers the order, and what ends it -----------------------------------------------------------------------------
+
+
+def test_a_jump_of_the_force_lowers_the_order_from_there_on():
+    solution = eig3.integrate(jump, (0, 20), 1.0, 0.0, h=0.01, method="rk4", check=True)
+    assert solution.order < 3
+    (note,) = solution.error.notes
+    assert note.startswith("The run shows the order")
+    since = float(note.partition("from t = ")[2].partition(" ")[0])
+    assert 4.9 < since < 7  # the run is looked at in 16 parts
+    assert note in repr(solution)
+
+
+def test_round_off_is_named():
+    solution = eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, h=1e-3, method="rk8", check=True)
+    assert any("round-off" in note for note in solution.error.notes)
+    assert solution.error.largest["u"] < 1e-12
+
+
+def test_near_the_limit_of_stability_the_order_is_not_known():
+    """The limit of EIG-3 is h = 2: with twice the step the coarser run is unstable."""
+    solution = eig3.integrate(spring, (0, 1000), 1.0, 0.0, params=1.0, h=1.2, check=True, save_every=None)
+    assert solution.order is None
+    assert "near the limit of stability" in " ".join(solution.error.notes)
+
+
+def test_chaos_is_right_up_to_a_time():
+    """The same motion by RK8 with a small tolerance leaves the run by half of its size near the reported time."""
+    problem = problems.double_pendulum(theta1=2.0, theta2=2.5, t_end=40.0)
+    solution = problem.integrate(h=0.002, method="rk4", save_every=10, check=True)
+    exact = problem.integrate(rtol=1e-13, method="rk8", t_eval=solution.t)
+    apart = np.abs((solution.u - exact.u) / np.abs(solution.u).max(axis=0)).max(axis=1)
+    first = solution.t[np.argmax(apart > 0.5)]
+    assert solution.reliable_until == pytest.approx(first, rel=0.1)
+    text = repr(solution)
+    assert f"No digit of u is right from t = {solution.reliable_until:.4g} on. The error grows like exp(" in text
+    assert f"before t = {solution.reliable_until:.4g}" in text
+
+
+def test_impacts():
+    """Between impacts EIG-3 is exact: only round-off is left."""
+    solution = problems.bouncing_ball().integrate(h=1e-3, check=True)
+    assert solution.error.largest["u"] < 1e-11
+    assert solution.reliable_until is None
+
+
+def test_a_terminal_event_may_come_earlier():
+    event = eig3.Event(crossing, terminal=True)
+    solution = eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, h=0.05, events={"end": event}, check=True)
+    true = np.cos(solution.t)
+    assert solution.error.events["end"][0] == pytest.approx(solution.t[-1] - np.arccos(0.3), rel=0.2)
+    known = ~np.isnan(solution.error.u)
+    assert known[:-1].all()
+    assert np.abs((solution.u - true - solution.error.u)[known]).max() < 0.2 * np.abs(solution.u - true).max()
+
+
+# Ensembles -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"h": 0.01},
+        {"h": 0.01, "save_every": 10},
+        {"h": 0.01, "save_every": 7},
+        {"h": 10 / 1001},
+        {"h": np.array([0.01, 0.005, 10 / 1001]), "t_eval": np.linspace(0, 10, 5)},
+        {"rtol": 1e-5, "method": "rk5"},
+    ],
+)
+def test_members_have_the_errors_of_single_runs(options):
+    starts, every = np.array([1.0, 2.0, 0.5]), {"save_every": None} if "t_eval" not in options else {}
+    runs = eig3.ensemble(spring, (0, 10), starts, 0.0, params=1.0, check=True, **options)
+    plain = eig3.ensemble(spring, (0, 10), starts, 0.0, params=1.0, **options)
+    np.testing.assert_array_equal(runs.u, plain.u)
+    for i, start in enumerate(starts):
+        own = {name: x[i] if name == "h" and np.ndim(x) else x for name, x in options.items()}
+        single = eig3.integrate(spring, (0, 10), start, 0.0, params=1.0, check=True, **{**every, **own})
+        np.testing.assert_allclose(runs.error[i].u, single.error.u, rtol=0.05, atol=1e-12)
+    true = np.abs(runs.u - starts[:, None] * np.cos(runs.t)).max(axis=1)
+    np.testing.assert_allclose(runs.error.largest["u"], true, rtol=0.2)
+    if "h" in options:
+        np.testing.assert_allclose(runs.error.order, 2, atol=0.1)
+    assert np.isnan(runs.error.reliable_until).all()
+    assert f"error of u at most {runs.error.largest['u'].max():.2g} in 3 members" in repr(runs)
+
+
+def test_members_that_fail_have_no_error():
+    runs = eig3.ensemble(spring, (0, 1000), 1.0, 0.0, params=1.0, h=np.array([0.1, 2.5]), check=True)
+    assert runs.error[1] is None
+    assert np.isnan(runs.error.largest["u"]).tolist() == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"reduce": len}, "check and reduce exclude each other"),
+        ({"save_to": "runs"}, "check and save_to exclude each other"),
+        ({"method": eig3.Langevin(1.0, 1.0)}, "adds random numbers"),
+    ],
+)
+def test_ensembles_that_cannot_be_checked_say_why(given, words):
+    with pytest.raises(ValueError, match=words):
+        eig3.ensemble(spring, (0, 1), np.ones(2), 0.0, params=1.0, h=0.1, check=True, **given)
+
+
+# How it is asked for -------------------------------------------------------------------------------------------------
+
+
+def test_every_single_run_can_be_checked():
+    options = {"h": 0.01, "method": "rk4"}
+    given = eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, check=True, **options)
+    plain = eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, **options)
+    assert plain.error is plain.order is plain.reliable_until is None
+    np.testing.assert_array_equal(given.u, plain.u)
+    runs = [
+        eig3.prepare(spring, **options)((0, 10), 1.0, 0.0, 1.0, check=True),
+        eig3.Problem("spring", spring, 1.0, 0.0, 1.0, (0, 10)).integrate(check=True, **options),
+        eig3.Problem("spring", spring, 1.0, 0.0, 1.0, (0, 10)).prepare(**options)(check=True),
+        eig3.Problem("spring", spring, 1.0, 0.0, [1.0], (0, 10)).ensemble(
+            u0=[1.0, 2.0], save_every=1, check=True, **options
+        ),
+        plain.extend(12.0),
+    ]
+    runs[-1].check()
+    runs[3] = SimpleNamespace(error=runs[3].error[0])
+    for each in runs:
+        np.testing.assert_allclose(each.error.u[: len(given.t) - 1], given.error.u[:-1], rtol=1e-3, atol=1e-15)
+
+
+def test_a_run_that_fails_has_no_error():
+    unstable = eig3.integrate(spring, (0, 1000), 1.0, 0.0, params=1.0, h=2.5, check=True)
+    assert not unstable.success
+    assert unstable.error is None
+    with pytest.raises(ValueError, match="check needs a successful run, and this one has the status diverged"):
+        unstable.check()
+
+
+def test_what_cannot_be_checked_says_why():
+    solution = copy.copy(eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, h=0.01))
+    with pytest.raises(ValueError, match="check needs the run"):
+        solution.check()
+    with pytest.raises(ValueError, match="adds random numbers"):
+        eig3.integrate(spring, (0, 1), 1.0, 0.0, params=1.0, h=0.01, method=eig3.Langevin(1.0, 1.0), check=True)
+    with pytest.raises(TypeError, match="check must be True or False"):
+        eig3.integrate(spring, (0, 1), 1.0, 0.0, params=1.0, h=0.01, check="yes")
+
+
+def test_ctrl_c_returns_the_run(monkeypatch):
+    solution = eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, h=0.01)
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("eig3.run.fixed_run.FixedRun.companions", interrupted)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        solution.check()
+    assert caught.value.solution is solution
