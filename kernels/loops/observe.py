@@ -44,7 +44,7 @@ from .dense import evaluate
 from .extremes_within import OF_FOLLOWING, follow_end, following_within
 from .follow import end_part, first_due, functions, save, widen_all
 from .formulas import variable_formulas
-from .pair import A_END, U_END, V_END, A, U, V
+from .pair import A_END
 from .zeros import OF_SEARCH, OF_TIMES, quiet, search_of_step, writing_of_times
 
 
