@@ -393,11 +393,16 @@ def record_at(kind: Any) -> Any:
     return record
 
 
+#: Number of float64 values of an array that can hold a record.
+RECORD_SIZE = 512
+
+
 @intrinsic
 def store_record(typingctx, memory, record):
-    """``store_record(memory, record)`` copies a record to an array, which must be large enough; return its address."""
+    """``store_record(memory, record)`` copies a record to an array of `RECORD_SIZE` values, and returns its address."""
 
     def codegen(context, builder, signature, args):
+        assert context.get_abi_sizeof(args[1].type) <= 8 * RECORD_SIZE, "RECORD_SIZE is too small for this record."
         data = parts_of(context, builder, signature.args[0], args[0]).data
         builder.store(args[1], builder.bitcast(data, args[1].type.as_pointer()))
         return builder.ptrtoint(data, context.get_value_type(int64))

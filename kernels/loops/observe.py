@@ -200,12 +200,8 @@ def dense_output(address, t, h, p, state, coefficients):
 
 
 def place_look(look, memory):
-    """Copy a look to the array `memory`, and return its address."""
+    """Copy a look to the array `memory` of `RECORD_SIZE` values, and return its address."""
     return store_record(memory, look)
-
-
-#: Number of values of `memory` in `place_look`.
-LOOK_SIZE = 512
 
 
 @functools.cache

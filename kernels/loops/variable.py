@@ -28,6 +28,7 @@ from ..protocol import (
     LOGGED,
     NOT_A_NUMBER,
     PASSED,
+    RECORD_SIZE,
     REJECTED,
     RESET,
     RESTING,
@@ -54,7 +55,6 @@ from .controller import LEAST_ERROR, exponent, next_step, shrinkage
 from .fixed import STACKED_DEGREES, inline_callbacks, pointer_callbacks
 from .formulas import variable_formulas
 from .observe import (
-    LOOK_SIZE,
     OBSERVATION,
     OF_OBSERVING,
     Observation,
@@ -236,7 +236,7 @@ def _observing(compiled: Any, module: str, form: Form, n: int, parts: Collection
     addresses, place = observation(module, form, n, frozenset(parts)), placing()
 
     def observing(callbacks: tuple, state: Any, settings: Any, counters: Any, span: Any, look: Any) -> Any:
-        memory, watch, follow = np.empty(LOOK_SIZE), look.watch, look.follow
+        memory, watch, follow = np.empty(RECORD_SIZE), look.watch, look.follow
         most_logged, count = len(watch.log) - len(watch.events), len(follow.table)
         at_each = 1 if count > follow.invariants or follow.advance or follow.project else 0 if count else -1
         mine = Observation(place(look, memory), most_logged, at_each, *addresses)
