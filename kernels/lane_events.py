@@ -18,7 +18,7 @@ from .compile.jit import bound, element, outlined
 from .loops.dense import evaluate
 from .loops.follow import functions
 from .loops.pair import A_END, U_END, V_END, A, U, V
-from .loops.zeros import EPSILON, LAST, LATER, NEAR, SIDE, G, event_of, searching
+from .loops.zeros import EPSILON, LAST, LATER, NEAR, SIDE, G, event_of, search_of_step
 from .protocol import (
     ENDED_BY,
     EVENT_VALUES,
@@ -202,8 +202,13 @@ def seeing(form: Form, names: dict[str, Any]) -> dict[str, Any]:
 
     `names` has the values of the names in capitals that depend on the method.
     """
-    search, _ = searching(form)
-    names = {**names, "EVENT": event_of(form), "SEARCH": search, "ROWS_OF": rows, "PROJECT": functions(form).project}
+    names = {
+        **names,
+        "EVENT": event_of(form),
+        "SEARCH": search_of_step(form),
+        "ROWS_OF": rows,
+        "PROJECT": functions(form).project,
+    }
     templates: dict[str, Any] = {"SEE": see, "BEGIN_SIGHT": begin_sight}
     return {
         **{name: element(bound(template, names)) for name, template in templates.items()},

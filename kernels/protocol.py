@@ -13,6 +13,7 @@ from numba.types import Array, float64, int64, none
 from .compile.jit import element, function_at
 from .compile.numba_internals import (
     FloatPointer,
+    Located,
     Row,
     array_over,
     copy_on_stack,
@@ -379,16 +380,34 @@ def address_of(typingctx, record):
 
 
 def record_at(kind: Any) -> Any:
-    """Return a compiled ``record(address)`` for a record of some type."""
+    """Return a compiled ``record(address)`` for a record of some type, whose fields are read when they are named."""
+    located = Located(kind)
 
     @intrinsic
     def record(typingctx, address):
         def codegen(context, builder, signature, args):
-            return builder.load(builder.inttoptr(args[0], context.get_value_type(kind).as_pointer()))
+            return builder.inttoptr(args[0], context.get_value_type(located))
 
-        return kind(int64), codegen
+        return located(int64), codegen
 
     return record
+
+
+#: Number of float64 values of an array that can hold a record.
+RECORD_SIZE = 512
+
+
+@intrinsic
+def store_record(typingctx, memory, record):
+    """``store_record(memory, record)`` copies a record to an array of `RECORD_SIZE` values, and returns its address."""
+
+    def codegen(context, builder, signature, args):
+        assert context.get_abi_sizeof(args[1].type) <= 8 * RECORD_SIZE, "RECORD_SIZE is too small for this record."
+        data = parts_of(context, builder, signature.args[0], args[0]).data
+        builder.store(args[1], builder.bitcast(data, args[1].type.as_pointer()))
+        return builder.ptrtoint(data, context.get_value_type(int64))
+
+    return int64(memory, record), codegen
 
 
 @intrinsic

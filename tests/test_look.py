@@ -234,16 +234,16 @@ class VariableRun:
         else:
             callback.call(t0, u0, v0, self.p, a)
         self.state[U], self.state[V], self.state[A] = u0, v0, a
-        self.counters, self.look, looks = np.zeros(EVENTS), None, level(looked_for)
-        if looks:
+        self.counters, self.look, parts = np.zeros(EVENTS), None, None
+        if looked_for:
+            parts = {"quantities", "events", "times"} & looked_for.keys()
             made = look_of(form, n, start, work_rows=formulas.work_rows, rows=rows, formulas=formulas, **looked_for)
             vars(self).update(vars(made))
         self.counters[TIME], self.counters[ERROR] = t0, 1.0
         if inline:
-            quantities = tuple((q, w) for q, w, _ in looked_for.get("quantities", ()))
-            kernel, callbacks = variable.inline_kernel(module, form, n, rhs, looks=looks, quantities=quantities), ()
+            kernel, callbacks = variable.inline_kernel(module, form, n, rhs, parts=parts), ()
         else:
-            kernel, callbacks = variable.kernel(module, form, n, looks=looks), (callback.address, None)
+            kernel, callbacks = variable.kernel(module, form, n, parts=parts), (callback.address, None)
         self.t, self.h = np.empty((2, rows))
         self.u, self.v = np.empty((2, rows, n))
         self.index = self.row = may_shorten = 0

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -483,6 +484,38 @@ def test_cells():
 
     with probe("Numba does not take the types of operator.getitem and operator.setitem from `type_callable`"):
         assert numba.njit(changed)(0.25) == 2.5
+
+
+class Inner(NamedTuple):
+    x: float
+    k: int
+
+
+class Outer(NamedTuple):
+    inner: Inner
+    y: float
+
+
+def test_located_records():
+    """The fields of a record at an address are read when they are named; a field that is a record is located too."""
+
+    @intrinsic
+    def located(typingctx, memory, record):
+        def codegen(context, builder, signature, args):
+            data = internals.parts_of(context, builder, signature.args[0], args[0]).data
+            place = builder.bitcast(data, args[1].type.as_pointer())
+            builder.store(args[1], place)
+            return place
+
+        return internals.Located(record)(memory, record), codegen
+
+    def read(memory, record):
+        at = located(memory, record)
+        inner = at.inner
+        return 100 * inner.x + 10 * inner.k + at.y
+
+    with probe("Numba does not take the fields of a type from `infer_getattr` and `lower_getattr_generic`"):
+        assert numba.njit(read)(np.empty(8), Outer(Inner(1.0, 2), 3.0)) == 123.0
 
 
 def test_rows():

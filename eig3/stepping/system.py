@@ -79,6 +79,8 @@ class System:
         The quantities, compiled.
     looks : int
         The observation in kernels: 0, or `FOLLOWS` or `SEARCHES` of `eig3.kernels.protocol`.
+    parts : frozenset of str or None
+        What is observed within steps of variable length: see `eig3.kernels.loops.observe.observation`.
     counters_size : int
         Number of entries of the counters of a run.
     pace : dict
@@ -127,6 +129,8 @@ class System:
             self._checked.append(((quantity.function, quantity.kind, form, quantity.name), quantity.callback))
         searches = options.t_eval is not None or self.events
         self.looks = SEARCHES if searches else FOLLOWS if self.followed.is_needed else 0
+        needed = {"quantities": self.followed.quantities, "events": self.events, "times": options.t_eval is not None}
+        self.parts = frozenset(part for part, is_needed in needed.items() if is_needed) if self.looks else None
         self.pace = {} if self.looks else self.callback.pace
         self.ignores_velocity = self.method.ignores_velocity
         self.counters_size = EVENTS + EVENT_VALUES * len(table)

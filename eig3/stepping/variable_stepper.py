@@ -183,18 +183,17 @@ class VariableStepper(March):
 
 def _kernel(system: System, module: str, n: int) -> Kernel:
     """Compile or load the kernel of a method for n degrees of freedom."""
-    formulas = variable_formulas(module)
-    form, looks = system.form, system.looks
+    formulas, form, parts = variable_formulas(module), system.form, system.parts
     if system.inline:
         literal = n if n <= STACKED_DEGREES else 0
-        make = partial(_inline, module, form, n, looks)
-        call = inlined(make, (module, literal, looks), form, system.rhs, None, system.followed.quantities)
+        make = partial(_inline, module, form, n, parts)
+        call = inlined(make, (module, literal, parts), form, system.rhs, None, ())
         callbacks: tuple = ()
     else:
-        call = variable.kernel(module, form, 0 if system.constrained_step else n, looks=looks)
+        call = variable.kernel(module, form, 0 if system.constrained_step else n, parts=parts)
         callbacks = system.callback.address, None
     return Kernel(system.method, formulas, formulas.rows, call, callbacks, _NONE, (module, n, system.inline))
 
 
-def _inline(module: str, form: Any, n: int, looks: int, rhs: Any, jacobian: None, quantities: tuple) -> Any:
-    return variable.inline_kernel(module, form, n, rhs, looks=looks, quantities=quantities)
+def _inline(module: str, form: Any, n: int, parts: Any, rhs: Any, jacobian: None, quantities: tuple) -> Any:
+    return variable.inline_kernel(module, form, n, rhs, parts=parts)

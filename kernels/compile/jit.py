@@ -128,7 +128,17 @@ def linked(template: Callable, names: dict[str, Any], signature: Any, label: str
     made = _made(lambda: _compiled(template, names, signature, label), name)
     made()  # a kernel that is loaded from the disk needs the symbol too
     address, at = _address_of(made, name), function_at(signature)
-    return element(lambda *arguments: at(address())(*arguments))
+
+    def call(*arguments):  # type: ignore[no-untyped-def]
+        return at(address())(*arguments)
+
+    call.made = made  # type: ignore[attr-defined]
+    return element(call)
+
+
+def address_of_linked(function: Any) -> int:
+    """Return the address of the code that an element from `linked` calls."""
+    return address_of(function.py_func.made()[1])
 
 
 def of_library(signature: Any) -> Callable:

@@ -43,8 +43,17 @@ from numba.core.ir_utils import build_definitions
 from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.types.functions import BaseFunction
 from numba.core.typing import signature as signature_of
+from numba.core.typing.templates import AttributeTemplate
 from numba.core.untyped_passes import InlineInlinables
-from numba.extending import lower_builtin, lower_cast, models, register_model, type_callable
+from numba.extending import (
+    infer_getattr,
+    lower_builtin,
+    lower_cast,
+    lower_getattr_generic,
+    models,
+    register_model,
+    type_callable,
+)
 from numba.np import arrayobj
 
 #: The versions on which compiled code depends.
@@ -442,6 +451,22 @@ class Row(numba.types.Type):
         super().__init__("Row")
 
 
+class Located(numba.types.Type):
+    """The type of the address of a record, a NamedTuple, of which a field is read when it is named.
+
+    A record as a value is some hundred numbers, which the compiler moves about. A field that is a record is located.
+    """
+
+    def __init__(self, record: Any) -> None:
+        self.record = record
+        super().__init__(f"Located({record})")
+
+    def field(self, name: str) -> tuple[int, Any]:
+        """Return the place of a field, and its type in the record."""
+        index = self.record.fields.index(name)
+        return index, self.record.types[index]
+
+
 _PLAIN = numba.types.Number, numba.types.Boolean, numba.types.Array, numba.types.BaseTuple, FloatPointer, Strip, Row
 
 
@@ -457,6 +482,28 @@ class _PointerModel(models.PrimitiveModel):
 class _RowModel(models.StructModel):
     def __init__(self, manager: Any, kind: Row) -> None:
         super().__init__(manager, kind, [("data", FloatPointer()), ("n", numba.types.intp)])
+
+
+@register_model(Located)
+class _LocatedModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Located) -> None:
+        super().__init__(manager, kind, manager[kind.record].get_value_type().as_pointer())
+
+
+@infer_getattr
+class _FieldOfLocated(AttributeTemplate):
+    key = Located
+
+    def generic_resolve(self, kind: Located, name: str) -> Any:
+        field = kind.field(name)[1]
+        return Located(field) if isinstance(field, numba.types.NamedTuple) else field
+
+
+@lower_getattr_generic(Located)
+def _field_of_located(context: Any, builder: Any, kind: Located, value: Any, name: str) -> Any:
+    index, field = kind.field(name)
+    place = cgutils.gep_inbounds(builder, value, 0, index)
+    return place if isinstance(field, numba.types.NamedTuple) else builder.load(place)
 
 
 @type_callable(operator.getitem)

@@ -65,6 +65,7 @@ def follow_within(place, first, t_end, h, s, n, p):
             follow.out[follow.table[k, OUT] + j] = samples[last, follow.table[k, COLUMN] + j]
 
 
+@element
 def follow_end(follow, within):
     """Take the values in `follow.out` as those at the start of the next step."""
     for k in range(len(follow.table)):
@@ -182,11 +183,14 @@ def root_of_slope(c, count, left, right, slope_left):
     return x
 
 
+#: The signature of `follow_within`.
+OF_FOLLOWING = none(int64, int64, float64, float64, float64, int64, vector_type)
+
+
 @functools.cache
-def within_functions(form: Form) -> tuple[Any, Any]:
-    """Return the elements `follow_within` and `follow_end` for one form of right-hand side."""
+def following_within(form: Form) -> Any:
+    """Return the element `follow_within`."""
     names: dict[str, Any] = {"EVALUATE_ONE": functions(form).evaluate_one}
     names["SAMPLE"] = outlined(bound(sample, names))
     names["REFINE"] = outlined(bound(refine, names))
-    signature = none(int64, int64, float64, float64, float64, int64, vector_type)
-    return linked(follow_within, names, signature, form.name), element(follow_end)
+    return linked(follow_within, names, OF_FOLLOWING, form.name)

@@ -41,7 +41,7 @@ from .follow import first_due, functions, save, widen_all
 from .formulas import Formulas, nothing, variable_formulas
 from .march import copy_two, write
 from .pair import A_END, U_END, V_END, A, U, V
-from .zeros import LATER, searching
+from .zeros import LATER, search_of_step, writing_of_times
 
 
 def go_on(address, place, of_steps, counters, outcome, i, row, u, v, a):
@@ -193,7 +193,7 @@ def _go_on(form: Form) -> Any:
 
 
 def _names(pair: Any, form: Form) -> dict[str, Any]:
-    theirs, (look_within, write_time) = pair.functions(), searching(form)
+    theirs = pair.functions()
     has_extension = pair.dense_evaluations > 0
     names = {
         "WORK": pair.work_rows,
@@ -202,8 +202,8 @@ def _names(pair: Any, form: Form) -> dict[str, Any]:
         "STEP_DENSE_COST": pair.evaluations + pair.dense_evaluations if has_extension else 1,
         "TRIAL": called(theirs["trial"]),
         "DENSE": theirs["dense_called"],
-        "LOOK_WITHIN": look_within,
-        "WRITE_TIME": write_time,
+        "LOOK_WITHIN": search_of_step(form),
+        "WRITE_TIME": writing_of_times(form),
     }
     names["STEP_DENSE"] = outlined(bound(extension_of_step if has_extension else quintic_of_step, names))
     return names

@@ -2,19 +2,21 @@
 """The kernel for steps of variable length, which follow from tolerances.
 
 `variable` is a template: the names in capitals stand for values that depend on the method, on the form of the
-right-hand side and on the mode. LOOKS says for what the kernel looks, see `FOLLOWS`: the compiler leaves out the rest.
-A state has rows of n values also for one degree of freedom: they are registers then.
+right-hand side and on the mode. A state has rows of n values also for one degree of freedom: they are registers then.
+What is observed in a step is not part of the kernel, see `eig3.kernels.loops.observe`.
 """
 
 from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Collection
 from typing import Any
 
-from numba.types import UniTuple, int64, none
+import numpy as np
+from numba.types import UniTuple, int64
 
-from ..compile.jit import compile_kernel, element
+from ..compile.jit import compile_kernel, element, function_at
 from ..protocol import (
     AT_END,
     BEFORE_END,
@@ -24,28 +26,22 @@ from ..protocol import (
     GAP,
     GOING,
     LOGGED,
-    LOOK_WITHIN,
-    NEXT,
     NOT_A_NUMBER,
-    PART,
-    PARTS,
     PASSED,
+    RECORD_SIZE,
     REJECTED,
     RESET,
     RESTING,
-    SEARCHES,
+    SCALAR,
     SILENT_END,
     SILENT_STEP,
-    SPACING,
     SPAN,
     STEP,
     STEP_BEFORE,
-    TERMINAL,
     TIME,
     TOO_SMALL,
     U_SIZE,
     V_SIZE,
-    ZENO,
     Form,
     address_of,
     copy_rows,
@@ -56,39 +52,44 @@ from ..protocol import (
 )
 from .beginning import RESOLUTION, beginning, least_size
 from .controller import LEAST_ERROR, exponent, next_step, shrinkage
-from .dense import evaluate
-from .extremes_within import within_functions
 from .fixed import STACKED_DEGREES, inline_callbacks, pointer_callbacks
-from .follow import end_part, first_due, inline_functions, save, widen_all
-from .follow import functions as following
 from .formulas import variable_formulas
+from .observe import (
+    OBSERVATION,
+    OF_OBSERVING,
+    Observation,
+    Observed,
+    calm,
+    next_due,
+    observation,
+    placing,
+    write_row,
+)
 from .pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
-from .zeros import LATER, quiet, searching
+from .zeros import LATER
 
 __all__ = ["inline_kernel", "kernel", "least_size"]
 
 _SILENCE = 0.02  # longest step while nothing acts, relative to the time since the start
 
 
-def variable(callbacks, state, settings, counters, span, look):
+def variable(callbacks, state, counters, span, observation):
     """Take steps, and return their number, the next row to write, and how it ended."""
     n = N if N > 0 else state.shape[1]  # a constant: with n = 2, a step of RKN12 takes two thirds of the time
     f, p = RHS(callbacks), span.p
-    kept, of_span = rows(state, ROWS), address_of(span)
+    kept, of_span, address = rows(state, ROWS), address_of(span), ADDRESS(callbacks)
     if span.first == 0:
         RESTART(kept, n)
     if span.first == 0 or counters[STEP] == 0:
-        BEGIN(ADDRESS(callbacks), of_span, counters, ORDER, state)
+        BEGIN(address, of_span, counters, ORDER, state)
     y = kept
     if N > 0:
         y = stack_rows(N, ROWS)
         copy_rows(y, kept, N)
-    u, v, u_end, v_end = y[U], y[V], y[U_END], y[V_END]
-    has_rows = len(span.t_rows) > 0
-    if LOOKS > 0:
-        place, watch, follow = address_of(look), look.watch, look.follow
-        (u_there, v_there), coefficients = rows(watch.work, 2), watch.work[2:]
-        has_events, has_times = len(watch.events) > 0, len(watch.times) > 0
+    u, v = y[U], y[V]
+    has_rows, is_observed = len(span.t_rows) > 0, observation.look != 0
+    observed = address_of(Observed(address, of_span, observation, counters, state))
+    due = next_due(counters, observation.at_each)
     share = least_size(span.rtol)
     t, h, was_rejected = counters[TIME], counters[STEP], False
     taken, row, ended = 0, span.row, GOING
@@ -97,10 +98,7 @@ def variable(callbacks, state, settings, counters, span, look):
         if remaining <= 0:
             ended = AT_END
             break
-        if has_rows and row + 2 > len(span.t_rows):
-            ended = FULL
-            break
-        if LOOKS == SEARCHES and int(counters[LOGGED]) + len(watch.events) > len(watch.log):
+        if (has_rows and row + 2 > len(span.t_rows)) or (is_observed and counters[LOGGED] > observation.most_logged):
             ended = FULL
             break
         is_last = h >= remaining
@@ -124,7 +122,6 @@ def variable(callbacks, state, settings, counters, span, look):
             h = step * shrinkage(square, ORDER)
             was_rejected = True
             continue
-        taken += 1
         t_end, error = span.t_end if is_last else t + step, exponent(square)
         h = next_step(step, counters[STEP_BEFORE], error, counters[ERROR], was_rejected, span.h_max, ORDER)
         if square == 0 and span.reads_time == 1 and is_silent(n, y):
@@ -133,77 +130,36 @@ def variable(callbacks, state, settings, counters, span, look):
                 counters[SILENT_STEP], counters[SILENT_END] = step, t_end
         was_rejected = False
         outcome, s, t_stop = PASSED, 1.0, t_end
-        if LOOKS > 0 and N == 0:
-            PROJECT(look.follow, t_end, u_end, v_end, p)
-        if LOOKS > 0:
-            first = first_due(follow, counters, span.first + taken)
-            # within a step, only what was evaluated at its start is followed
-            first_within = 0 if counters[SPACING] == 1 else follow.invariants
-            follows, follows_within = len(follow.table) > first, len(follow.table) > first_within
-            is_known = follows_within
-            if LOOKS == SEARCHES:
-                may_cross = has_events and not IS_QUIET(watch, counters, t_end, u_end, v_end, p)
-                is_wanted = (
-                    has_times and counters[NEXT] < len(watch.times) and watch.times[int(counters[NEXT])] <= t_end
-                )
-                is_known = follows_within or may_cross or is_wanted
-            if is_known:
-                DENSE(f, t, step, p, n, y, coefficients)
-        if LOOKS == SEARCHES and may_cross:
-            outcome, s, t_stop = SEARCH(
-                place, counters, span.t0, t, step, t_end, n, coefficients, u_end, v_end, u_there, v_there, p
+        is_written = has_rows and (span.first + taken + 1) % span.every == 0
+        if is_observed and (
+            observation.at_each == 1
+            or span.first + taken + 1 >= due
+            or not IS_CALM(observation.look, counters, t_end, y[U_END], y[V_END], p)
+        ):
+            if N > 0:
+                copy_rows(kept, y, N)
+            is_written = False
+            outcome, row, s, t_stop = OBSERVE(observation.observe)(
+                observed, span.first + taken + 1, row, t, step, t_end
             )
             if outcome in (NOT_A_NUMBER, RESTING):
-                taken, ended = taken - 1, outcome
+                ended = outcome
                 break
-        counters[ERROR], counters[STEP_BEFORE] = max(error, LEAST_ERROR), step
-        if LOOKS > 0:
-            if LOOKS == SEARCHES and is_wanted:
-                while int(counters[NEXT]) < len(watch.times) and watch.times[int(counters[NEXT])] <= t_stop:
-                    WRITE_TIME(place, counters, t, step, t_end, n, coefficients, u_end, v_end, p)
-            if is_known:
-                counters[EVALUATIONS] += DENSE_COST
-            if outcome != PASSED and s < 1.0:
-                evaluate(coefficients, s, n, u_end, v_end)
-            if follows:
-                part = int(counters[PART]) % PARTS
-                EVALUATE(follow, first, t_stop, u_end, v_end, p)
-                if follows_within and t_stop > t:
-                    FOLLOW_WITHIN(place, first_within, t_stop, s * step, s, n, p)
-            if N == 0:
-                ADVANCE_HISTORY(follow, t_stop, u_end, v_end, p)
-        if LOOKS == SEARCHES and outcome != PASSED:
-            if has_rows and span.every == 1 and s > 0:  # the state at the start is a row already
-                write_row(span, row, t_stop, s * step, n, u_end, v_end)
-                save(follow, row)
-                row += 1
-            for j in range(n):
-                u[j], v[j] = u_there[j], v_there[j]
-            if N == 0:
-                PROJECT(follow, t_stop, u, v, p)
-            f(t_stop, u, v, p, y[A])
+            due = next_due(counters, observation.at_each)
+        taken += 1
+        if outcome == PASSED:
+            counters[ERROR], counters[STEP_BEFORE] = max(error, LEAST_ERROR), step
+            ADVANCE(y, n)
+        else:
+            if N > 0:
+                copy_rows(y, kept, N)
             RESTART(y, n)
-            counters[EVALUATIONS] += 1
-            counters[STEP_BEFORE], counters[ERROR] = s * step, 0.0
+            counters[ERROR], counters[STEP_BEFORE] = 0.0, s * step
             if outcome == RESET:
                 h = min(h, LATER * counters[GAP])
-            if N == 0:
-                ADVANCE_HISTORY(follow, t_stop, u, v, p)
-            if outcome <= ZENO:
-                EVALUATE(follow, 0, t_stop, u, v, p)
-                WIDEN(follow, 0, int(counters[PART]) % PARTS, t_stop, v)
-                FOLLOW_END(follow, look.within)
-        else:
-            if LOOKS > 0 and follows:
-                WIDEN(follow, first, part, t_end, v_end)
-            ADVANCE(y, n)
-        if outcome != TERMINAL and has_rows and (span.first + taken) % span.every == 0:
-            write_row(span, row, t_stop, s * step, n, u, v)
-            if LOOKS > 0:
-                save(follow, row)
+        if is_written:
+            write_row(span, row, t_stop, step, n, u, v)
             row += 1
-        if LOOKS > 0:
-            end_part(follow, counters, span.first + taken, n, v)
         t = t_stop
         if span.is_relative == 1:
             u_size, v_size = counters[U_SIZE], counters[V_SIZE]
@@ -223,13 +179,6 @@ def variable(callbacks, state, settings, counters, span, look):
 
 
 @element
-def write_row(span, row, t, h, n, u, v):
-    span.t_rows[row], span.h_rows[row] = t, h
-    for j in range(n):
-        span.u_rows[row, j], span.v_rows[row, j] = u[j], v[j]
-
-
-@element
 def is_silent(n, y):
     """Return whether no force acts at either end of a step."""
     a_size = 0.0
@@ -238,12 +187,12 @@ def is_silent(n, y):
     return a_size == 0
 
 
-def kernel(module: str, form: Form, n: int, *, looks: int) -> Any:
+def kernel(module: str, form: Form, n: int, *, parts: Collection[str] | None) -> Any:
     """Compile the kernel of a method for a right-hand side given as an address, or load it from the disk.
 
-    One and two degrees of freedom have kernels of their own. The kernel is called as ``kernel((rhs, None), state,
-    settings, counters, span, look)``, where `settings` is not used. It returns the number of steps that it took, the
-    next row to write, and how it ended.
+    One degree of freedom in the scalar form and two in the vector form have kernels of their own. The kernel is called
+    as ``kernel((rhs, None), state, settings, counters, span, look)``, where `settings` is not used. It returns the
+    number of steps that it took, the next row to write, and how it ended.
 
     Parameters
     ----------
@@ -253,60 +202,68 @@ def kernel(module: str, form: Form, n: int, *, looks: int) -> Any:
     form : Form
     n : int
         Number of degrees of freedom; 0 for a kernel that serves every number.
-    looks : int
-        0 if the argument `look` is None, or one of `FOLLOWS` and `SEARCHES`, which say for what the kernel uses it.
+    parts : collection of str, optional
+        None if the argument `look` is None. Otherwise what the kernel looks for within steps: see `observation`.
     """
-    return _kernel(module, form, n if n <= 2 else 0, looks)
+    n = own_degrees(form, n)
+    return _observing(_kernel(module, form, n), module, form, n, parts)
+
+
+def own_degrees(form: Form, n: int) -> int:
+    """Return n if there is code for this number of degrees of freedom only, or 0."""
+    return n if form is SCALAR or n == 2 else 0
 
 
 @functools.cache
-def _kernel(module: str, form: Form, n: int, looks: int) -> Any:
+def _kernel(module: str, form: Form, n: int) -> Any:
     callbacks, names = pointer_callbacks(form)
-    return _compile(module, form, callbacks, {**names, "N": n}, looks, f"{module}_{form.name}_{n}_look{looks}")
+    return _compile(module, form, callbacks, {**names, "N": n}, f"{module}_{form.name}_{n}")
 
 
-def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, looks: int, quantities: tuple = ()) -> Any:
-    """Compile the kernel of a method with one right-hand side inlined. It is called as ``kernel((), state, ...)``.
-
-    The quantities are inlined at the ends of steps; see `eig3.kernels.loops.fixed.inline_kernel`.
-    """
+def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, parts: Collection[str] | None) -> Any:
+    """Compile the kernel of a method with one right-hand side inlined. It is called as ``kernel((), state, ...)``."""
     callbacks, names = inline_callbacks(form, rhs, None)
     names["N"] = n if n <= STACKED_DEGREES else 0
-    if quantities:
-        names["EVALUATE"], names["WIDEN"] = inline_functions(form, quantities)
-    return _compile(module, form, callbacks, names, looks, "")
+    kernel = _compile(module, form, callbacks, names, "")
+    return _observing(kernel, module, form, own_degrees(form, n), parts)
 
 
-def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], looks: int, label: str) -> Any:
+def _observing(compiled: Any, module: str, form: Form, n: int, parts: Collection[str] | None) -> Any:
+    """Return a function that calls a compiled kernel with what it needs to observe its steps."""
+    if parts is None:
+        none = Observation()
+        return lambda callbacks, state, settings, counters, span, look: compiled(callbacks, state, counters, span, none)
+    addresses, place = observation(module, form, n, frozenset(parts)), placing()
+
+    def observing(callbacks: tuple, state: Any, settings: Any, counters: Any, span: Any, look: Any) -> Any:
+        memory, watch, follow = np.empty(RECORD_SIZE), look.watch, look.follow
+        most_logged, count = len(watch.log) - len(watch.events), len(follow.table)
+        at_each = 1 if count > follow.invariants or follow.advance or follow.project else 0 if count else -1
+        mine = Observation(place(look, memory), most_logged, at_each, *addresses)
+        return compiled(callbacks, state, counters, span, mine)
+
+    return observing
+
+
+def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], label: str) -> Any:
     formulas = variable_formulas(module)
     theirs = formulas.functions()
     begin, sizes_at_rest = beginning(form)
     names = {
-        "LOOKS": looks,
         "ROWS": formulas.rows,
         "ORDER": formulas.order,
         "COST": formulas.evaluations,
-        "DENSE_COST": formulas.dense_evaluations,
         "TRIAL": theirs["trial"],
         "SQUARE": theirs["square"],
-        "DENSE": theirs["dense" if names["N"] else "dense_called"],
         "BEGIN": begin,
         "SIZES_AT_REST": sizes_at_rest,
         "ADVANCE": theirs["advance"],
         "RESTART": theirs.get("restart", nothing_past),
-        "IS_QUIET": quiet(form),
-        "EVALUATE": following(form).evaluate,
-        "ADVANCE_HISTORY": following(form).advance,
-        "PROJECT": following(form).project,
-        "WIDEN": widen_all,
+        "IS_CALM": calm(form),
+        "OBSERVE": function_at(OF_OBSERVING),
         **names,
     }
-    if looks == SEARCHES:
-        names["SEARCH"], names["WRITE_TIME"] = searching(form)
-    if looks:
-        names["FOLLOW_WITHIN"], names["FOLLOW_END"] = within_functions(form)
-    records = SPAN, LOOK_WITHIN if looks else none
-    signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, vector_type, *records)
+    signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, SPAN, OBSERVATION)
     return compile_kernel(variable, names, signature, label)
 
 

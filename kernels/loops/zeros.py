@@ -57,6 +57,12 @@ _LEAST_GAP = 2.0**-43  # a reset that follows another within this part of the ti
 _OVERFLOWING = 1e100  # g may overflow, and be NaN, for states larger than this, even if it is correct
 _SPREAD = 0.2  # the parameter kappa_1 of the ITP method, relative to the first interval; it has little effect
 
+_step, _state = (int64, vector_type, float64, float64, float64), (row_type,) * 2
+
+#: The signatures of `look_within` and of `write_time`.
+OF_SEARCH = Tuple((int64, float64, float64))(*_step, float64, int64, matrix_type, *_state, *_state, vector_type)
+OF_TIMES = none(*_step, int64, matrix_type, *_state, vector_type)
+
 
 def is_quiet(watch, counters, t, u, v, p):
     """Return whether every g still has its sign. A product is used, because it is false for zero and for NaN."""
@@ -360,8 +366,8 @@ def quiet(form: Form) -> Any:
 
 
 @functools.cache
-def searching(form: Form) -> tuple[Any, Any]:
-    """Return the elements `look_within` and `write_time`."""
+def search_of_step(form: Form) -> Any:
+    """Return the element `look_within`."""
     apply_at = form.at("apply")
     apply = element(lambda address, t, u, v, p: apply_at(address)(t, u, v, p))
     names: dict[str, Any] = {
@@ -375,14 +381,13 @@ def searching(form: Form) -> tuple[Any, Any]:
     names["DEPARTURE"] = outlined(bound(departure, names))
     names["CROSSING"] = outlined(bound(crossing_within, names))
     names["TAKE"] = outlined(bound(take, names))
-    state = (row_type,) * 2
-    step = int64, vector_type, float64, float64, float64
-    of_search = Tuple((int64, float64, float64))(*step, float64, int64, matrix_type, *state, *state, vector_type)
-    of_times = none(*step, int64, matrix_type, *state, vector_type)
-    return (
-        linked(look_within, names, of_search, form.name),
-        linked(write_time, names, of_times, form.name),
-    )
+    return linked(look_within, names, OF_SEARCH, form.name)
+
+
+@functools.cache
+def writing_of_times(form: Form) -> Any:
+    """Return the element `write_time`."""
+    return linked(write_time, {"EVALUATE": follow.functions(form).evaluate}, OF_TIMES, form.name)
 
 
 def event_of(form: Form) -> Any:

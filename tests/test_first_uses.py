@@ -1,0 +1,64 @@
+"""How many functions ten first uses compile, each in a new process with an empty cache; none in the next process.
+
+The counts are budgets: a change that compiles more functions for one of these uses must earn it.
+"""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from .conftest import BLOCKS
+
+pytestmark = pytest.mark.system
+
+_README = [text for language, text in BLOCKS["README.md"] if language == "python"]
+_HEAD = "import numpy as np\nimport eig3\n"
+_ORBIT, _OSCILLATOR = _README[1].split("solution =")[0], _README[0].split("solution =")[0]
+_INLINE = """
+@eig3.jit
+def pendulum(t, u, v, p):
+    return -p[0] * np.sin(u)
+
+eig3.integrate(pendulum, (0, 10), 1.0, 0.0, h=0.01, params=[9.81], inline=True)
+"""
+
+#: The program of each first use, and the largest number of functions that it compiles.
+USES = {
+    "README, a first run": (_README[0], 13),
+    "README, outputs": (_HEAD + _README[1], 42),
+    "README, a problem": (_HEAD + _README[2], 16),
+    "README, an event": (_HEAD + _ORBIT + _README[3], 81),
+    "README, a scene": (_HEAD + _README[4], 52),
+    "README, an ensemble": (_OSCILLATOR + _README[5], 24),
+    "README, a run in files": (_OSCILLATOR + _README[6], 14),
+    "a scene with contacts": (_HEAD + "eig3.problems.sand_column().integrate(h=1e-4, t_end=1e-3, invariants={})", 125),
+    "an ensemble with tolerances": (
+        _HEAD + "eig3.problems.duffing().ensemble(u0=np.linspace(1, 2, 32), rtol=1e-6)",
+        57,
+    ),
+    "inline=True": (_HEAD + _INLINE, 16),
+}
+_COUNTED = """
+import runpy, sys
+from eig3.kernels.compile.numba_internals import compilations
+with compilations() as functions:
+    runpy.run_path(sys.argv[1], run_name="__main__")
+print("compiled", len(functions))
+"""
+
+
+@pytest.mark.parametrize("use", USES)
+def test_a_first_use_compiles_few_functions_and_the_next_process_none(use, tmp_path):
+    program, most = USES[use]
+    (tmp_path / "program.py").write_text(program)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, "-c", _COUNTED, tmp_path / "program.py"]
+    counts = []
+    for folder in (tmp_path / "first", tmp_path / "second"):
+        folder.mkdir()
+        result = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=True)
+        counts.append(int(result.stdout.split()[-1]))
+    assert counts[0] <= most
+    assert counts[1] == 0
