@@ -496,7 +496,7 @@ class Problem:
     @property
     def labels(self) -> Labels:
         """The names and units of the degrees of freedom, and the names of the parameters."""
-        return Labels(self.names, self.units, self._layout)
+        return Labels(self.names, self.units, self._layout.text if self._layout else "")
 
     @property
     def uses_velocity(self) -> bool:

@@ -33,13 +33,14 @@ OF_RUNS = {
     "first_step": {"first_step": 1e-3},
     "max_steps": {"max_steps": 15},
 }
-OF_ENSEMBLES = ("threads", "executor", "reduce", "progress", "cancel", "save_to")
+OF_ENSEMBLES = ("check", "threads", "executor", "reduce", "progress", "cancel", "save_to")
 AFTERWARDS = ("extend", "save", "tables")
 NAMES = (*EVENTS, *OF_RUNS, *OF_ENSEMBLES, *AFTERWARDS)
 #: The pairs that make no sense, and the sentence that says so.
 REFUSED = {
     frozenset({"save_every", "t_eval"}): "save_every and t_eval exclude each other",
     frozenset({"reduce", "save_to"}): "reduce and save_to exclude each other",
+    **{frozenset({"check", x}): f"check and {x} exclude each other" for x in ("executor", "reduce", "save_to")},
 }
 OF_TOLERANCES = {"h_max", "first_step", "max_steps"}
 
@@ -62,6 +63,7 @@ def executor():
 
 def solve(names, steps, executor, tmp_path, t_end=SPAN[1]):
     given = {
+        "check": {"check": True},
         "threads": {"threads": 2},
         "executor": {"executor": executor},
         "reduce": {"reduce": list},
@@ -132,6 +134,8 @@ def test_a_pair_of_options(names, steps, executor, tmp_path):
         assert_members(members, names, steps)
         return
     assert_members(result, names, steps)
+    if "check" in names:
+        assert [each is not None for each in result.error] == result.success.tolist()
     if "save_to" in names:
         assert_same(eig3.load(tmp_path / f"to {SPAN[1]}"), result)
     if "save" in names:

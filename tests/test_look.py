@@ -10,6 +10,7 @@ from eig3.functions.callbacks import check_callback
 from eig3.functions.guard import guarded
 from eig3.kernels.loops import fixed, variable
 from eig3.kernels.loops.formulas import variable_formulas
+from eig3.kernels.loops.observe import Observation
 from eig3.kernels.loops.pair import A, U, V
 from eig3.kernels.protocol import (
     AT_END,
@@ -254,7 +255,7 @@ class VariableRun:
                 *(t0, t_end, self.p, self.index, 1000, every, self.row, np.inf, rtol, np.zeros((2, n)), 1),
                 *(int(may_shorten), 0, self.t, self.h, self.u, self.v),
             )
-            taken, self.row, self.ended = kernel(callbacks, self.state, np.empty(0), self.counters, span, self.look)
+            taken, self.row, self.ended = kernel(callbacks, self.state, Observation(), self.counters, span, self.look)
             self.index += taken
 
 

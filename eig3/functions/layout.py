@@ -73,7 +73,7 @@ class Layout:
     names: tuple[str, ...]
     kinds: tuple[Kind, ...]
 
-    @property
+    @functools.cached_property
     def text(self) -> str:
         """The layout in one line, such as "k=real, tags=whole1, K=sparse", with the number of axes."""
         return ", ".join(f"{name}={kind.text}" for name, kind in zip(self.names, self.kinds, strict=True))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..functions.layout import Layout
 from .labels import Labels
 
 _PLAIN = Labels()  # of degrees of freedom without names
@@ -69,8 +70,8 @@ def _varied_parameters(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
     p = solution.params
     if p.ndim == 1:
         return
-    layout = solution.labels.layout if solution.labels else None
-    names = layout.names_of(p[0]) if layout else [f"p[{i}]" for i in range(p.shape[1])]
+    layout = solution.labels.layout if solution.labels else ""
+    names = Layout.of_text(layout).names_of(p[0]) if layout else [f"p[{i}]" for i in range(p.shape[1])]
     for i in np.flatnonzero((p != p[:1]).any(axis=0)):
         yield names[i], p[:, i]
 

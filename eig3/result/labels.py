@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..functions.layout import Layout
-
 
 @dataclass(frozen=True)
 class Labels:
@@ -17,13 +15,13 @@ class Labels:
         The name of each degree of freedom, such as "x0"; empty if they have no names.
     units : str or tuple of str
         Unit of all displacements, or of each displacement; "-" for a dimensionless number.
-    layout : Layout or None
-        The layout of named parameters.
+    layout : str
+        The layout of named parameters, as `Layout.text`.
     """
 
     names: tuple[str, ...] = ()
     units: str | tuple[str, ...] = "m"
-    layout: Layout | None = None
+    layout: str = ""
 
     def name(self, letter: str, i: int) -> str:
         """Return the name of "u" or "v" in the degree of freedom i: x0 and v_x0, or u0 and v0 without names."""

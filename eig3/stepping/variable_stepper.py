@@ -12,6 +12,7 @@ from ..functions.inlining import inlined
 from ..kernels.loops import variable
 from ..kernels.loops.fixed import STACKED_DEGREES
 from ..kernels.loops.formulas import variable_formulas
+from ..kernels.loops.observe import Observation
 from ..kernels.loops.pair import U_MOST, A, U, V
 from ..kernels.loops.variable import least_size
 from ..kernels.protocol import (
@@ -34,7 +35,6 @@ from .system import Kernel, System
 from .tolerances import Tolerances
 
 _STANDING = 1e-12  # a smaller motion, relative to the largest motion, is round-off
-_NONE = np.empty(0)
 
 
 class VariableStepper(March):
@@ -192,7 +192,7 @@ def _kernel(system: System, module: str, n: int) -> Kernel:
     else:
         call = variable.kernel(module, form, 0 if system.constrained_step else n, parts=parts)
         callbacks = system.callback.address, None
-    return Kernel(system.method, formulas, formulas.rows, call, callbacks, _NONE, (module, n, system.inline))
+    return Kernel(system.method, formulas, formulas.rows, call, callbacks, Observation(), (module, n, system.inline))
 
 
 def _inline(module: str, form: Any, n: int, parts: Any, rhs: Any, jacobian: None, quantities: tuple) -> Any:

@@ -14,7 +14,7 @@ from collections.abc import Collection
 from typing import Any
 
 import numpy as np
-from numba.types import UniTuple, int64
+from numba.types import UniTuple, int64, none
 
 from ..compile.jit import compile_kernel, element, function_at
 from ..protocol import (
@@ -73,7 +73,7 @@ __all__ = ["inline_kernel", "kernel", "least_size"]
 _SILENCE = 0.02  # longest step while nothing acts, relative to the time since the start
 
 
-def variable(callbacks, state, counters, span, observation):
+def variable(callbacks, state, observation, counters, span, look):
     """Take steps, and return their number, the next row to write, and how it ended."""
     n = N if N > 0 else state.shape[1]  # a constant: with n = 2, a step of RKN12 takes two thirds of the time
     f, p = RHS(callbacks), span.p
@@ -191,8 +191,8 @@ def kernel(module: str, form: Form, n: int, *, parts: Collection[str] | None) ->
     """Compile the kernel of a method for a right-hand side given as an address, or load it from the disk.
 
     One degree of freedom in the scalar form and two in the vector form have kernels of their own. The kernel is called
-    as ``kernel((rhs, None), state, settings, counters, span, look)``, where `settings` is not used. It returns the
-    number of steps that it took, the next row to write, and how it ended.
+    as ``kernel((rhs, None), state, Observation(), counters, span, look)``. It returns the number of steps that it took,
+    the next row to write, and how it ended.
 
     Parameters
     ----------
@@ -231,8 +231,7 @@ def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, parts: Collectio
 def _observing(compiled: Any, module: str, form: Form, n: int, parts: Collection[str] | None) -> Any:
     """Return a function that calls a compiled kernel with what it needs to observe its steps."""
     if parts is None:
-        none = Observation()
-        return lambda callbacks, state, settings, counters, span, look: compiled(callbacks, state, counters, span, none)
+        return compiled
     addresses, place = observation(module, form, n, frozenset(parts)), placing()
 
     def observing(callbacks: tuple, state: Any, settings: Any, counters: Any, span: Any, look: Any) -> Any:
@@ -240,8 +239,9 @@ def _observing(compiled: Any, module: str, form: Form, n: int, parts: Collection
         most_logged, count = len(watch.log) - len(watch.events), len(follow.table)
         at_each = 1 if count > follow.invariants or follow.advance or follow.project else 0 if count else -1
         mine = Observation(place(look, memory), most_logged, at_each, *addresses)
-        return compiled(callbacks, state, counters, span, mine)
+        return compiled(callbacks, state, mine, counters, span, None)
 
+    observing.compiled = compiled  # type: ignore[attr-defined]
     return observing
 
 
@@ -263,7 +263,7 @@ def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], lab
         "OBSERVE": function_at(OF_OBSERVING),
         **names,
     }
-    signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, SPAN, OBSERVATION)
+    signature = UniTuple(int64, 3)(callbacks, matrix_type, OBSERVATION, vector_type, SPAN, none)
     return compile_kernel(variable, names, signature, label)
 
 
