@@ -45,7 +45,7 @@ class Kernel(NamedTuple):
     rows: int
     call: Callable
     callbacks: tuple
-    settings: np.ndarray
+    settings: Any
     pace_key: tuple
 
 
