@@ -32,6 +32,14 @@ def test_a_half_power_is_rounded_as_its_root_and_products(exponent):
     assert np.abs((found - exact) / units).max() <= 0.5 + (operations - 1)
 
 
+def test_what_differs_from_pow_has_no_normal_result():
+    """Results below the smallest normal number may be zero; the sign of zero is free, also that of its inverse."""
+    assert power(-1.5)(1e205) == pytest.approx(10**-307.5, rel=1e-14)
+    assert power(-1.5)(1e207) == 0.0
+    assert abs(power(-0.5)(-0.0)) == np.inf
+    assert np.isnan(power(1.5)(-np.inf))
+
+
 @pytest.mark.parametrize("exponent", EXPONENTS)
 def test_special_values_are_those_of_pow(exponent):
     function = power(exponent)

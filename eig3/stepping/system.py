@@ -35,7 +35,7 @@ class Kernel(NamedTuple):
     call : callable
         The compiled kernel.
     callbacks : tuple
-    settings : ndarray
+    settings : ndarray, or Observation with tolerances
     pace_key : tuple
         The key of the kernel in `System.pace`.
     """

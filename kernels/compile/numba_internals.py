@@ -199,9 +199,10 @@ _HALF_POWERS = {sign * (k + 0.5) for sign in (1, -1) for k in range(4)}
 class _HalfPowers(FunctionPass):
     """Write powers such as ``x ** 1.5`` and ``x ** -0.5`` as products with a square root.
 
-    LLVM leaves them to `pow`, which takes some 18 ns: as long as a step of Kepler's orbit. The root and each product
-    are rounded once, so the result is exact to 2 ulp, and to 1 ulp for the exponents 0.5 and 1.5. Zero, infinity and
-    NaN give what `pow` gives, but minus infinity gives NaN.
+    LLVM leaves them to `pow`, which takes some 18 ns: as long as a step of Kepler's orbit. The root, each product and
+    the quotient are rounded once: an error of half an ulp, which may be one ulp of the result. Zero, infinity and NaN
+    give what `pow` gives. But minus infinity gives NaN, minus zero may give minus infinity, and with a negative
+    exponent a result below the smallest normal number may be zero, because the product overflows before.
     """
 
     _name = "half_powers"
