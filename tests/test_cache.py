@@ -92,8 +92,9 @@ def test_second_process_compiles_nothing_until_the_cache_is_cleared(tmp_path):
 
 @pytest.mark.system
 def test_the_cache_is_filled_ahead(tmp_path):
-    first, *_, last = cache_command("--fill", tmp_path, "cd")
-    assert re.match(r" 1 of 1: cd, \d\d+ functions in \d+\.\d s of CPU time$", first)
+    first, took, last = cache_command("--fill", tmp_path, "cd")
+    assert re.match(r" 1 of 1: cd, \d\d+ functions in \d+\.\d s$", first)
+    assert re.match(r"\d\d+ functions compiled in \d+ s \(\d+\.\d s of CPU time\)\. They are in$", took)
     assert Path(last).is_dir()
     assert compilations("cd", cache=tmp_path)[0] == 0  # the kernels are there
     assert cache_command("--fill", tmp_path, "cd")[0].startswith(" 1 of 1: cd, 0 functions")

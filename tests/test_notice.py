@@ -13,7 +13,7 @@ import eig3
 from eig3.kernels.compile import jit, notice
 from eig3.kernels.compile.numba_internals import call_without_checks, compile_for
 
-SAID = "eig3 compiles {}. The first run of new code waits some seconds for this."
+SAID = "eig3 compiles {}. The first run of new code waits some seconds. Code that can be kept is on the disk then."
 
 
 class Terminal(io.StringIO):
@@ -46,6 +46,14 @@ def said(caplog):
 
 def test_a_long_compilation_is_announced_on_a_terminal(heard, at_once, monkeypatch):
     monkeypatch.setattr(sys, "stderr", Terminal())
+    with notice.announced("the function rhs"):
+        assert heard.wait(60)
+    assert sys.stderr.getvalue() == SAID.format("the function rhs") + "\n"
+
+
+def test_a_notebook_announces_it_as_a_terminal_does(heard, at_once, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ipykernel", sys)
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
     with notice.announced("the function rhs"):
         assert heard.wait(60)
     assert sys.stderr.getvalue() == SAID.format("the function rhs") + "\n"

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import sys
+import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from importlib.util import find_spec
 from multiprocessing import get_context
 
 SUMMARY = "show, fill or clear the folder of compiled code"
@@ -38,16 +41,22 @@ def run(options: argparse.Namespace) -> None:
 def _fill(wanted: list[str]) -> None:
     """Compile the code of some uses, or of all uses, each in a separate process."""
     from ..ensembles.in_process import cores
+    from ..run.progress import Progress
     from .first_uses import USES, compile_use
 
     unknown = [name for name in wanted if name not in USES]
     if unknown:
         raise SystemExit(f"eig3 cache: there is no use {unknown[0]}; the uses are {', '.join(USES)}.")
-    total, seconds = 0, 0.0
+    total, seconds, begin = 0, 0.0, time.perf_counter()
+    is_shown = sys.stderr.isatty() and find_spec("tqdm") is not None
     with ProcessPoolExecutor(cores(), get_context("spawn")) as pool:
         names = {pool.submit(compile_use, name): name for name in wanted or USES}
-        for k, done in enumerate(as_completed(names), 1):
-            count, spent = done.result()
-            total, seconds = total + count, seconds + spent
-            print(f"{k:2d} of {len(names)}: {names[done]}, {count} functions in {spent:.1f} s of CPU time", flush=True)
-    print(f"{total} functions compiled in {seconds:.1f} s of CPU time. They are in")
+        with Progress(len(names), "use", shown=is_shown) as bar:
+            for k, done in enumerate(as_completed(names), 1):
+                count, spent = done.result()
+                total, seconds = total + count, seconds + spent
+                bar.add(1)
+                if not is_shown:
+                    print(f"{k:2d} of {len(names)}: {names[done]}, {count} functions in {spent:.1f} s", flush=True)
+    passed = time.perf_counter() - begin
+    print(f"{total} functions compiled in {passed:.0f} s ({seconds:.1f} s of CPU time). They are in")

@@ -21,8 +21,8 @@ _series = {"spent": 0.0, "ended": -math.inf, "is said": False}
 def announced(what: str) -> Iterator[None]:
     """Say what is compiled in this block if the series of compilations that it belongs to takes more than a second.
 
-    It is said once in a series: in a line on stderr if that is a terminal, and otherwise by the logger "eig3", at the
-    level INFO.
+    It is said once in a series: in a line on stderr if that is a terminal or a notebook, and otherwise by the logger
+    "eig3", at the level INFO.
     """
     begin = time.monotonic()
     with _lock:
@@ -46,8 +46,10 @@ def _say(what: str) -> None:
         was_said, _series["is said"] = _series["is said"], True
     if was_said:
         return
-    text = f"eig3 compiles {what}. The first run of new code waits some seconds for this."
-    if sys.stderr is not None and sys.stderr.isatty():
+    text = (
+        f"eig3 compiles {what}. The first run of new code waits some seconds. Code that can be kept is on the disk then."
+    )
+    if sys.stderr is not None and (sys.stderr.isatty() or "ipykernel" in sys.modules):
         print(text, file=sys.stderr, flush=True)
     else:
         _log.info(text)
