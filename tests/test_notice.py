@@ -13,7 +13,7 @@ import eig3
 from eig3.kernels.compile import jit, notice
 from eig3.kernels.compile.numba_internals import call_without_checks, compile_for
 
-SAID = "eig3 compiles {}. The first run of new code waits some seconds. Code that can be kept is on the disk then."
+SAID = "eig3 compiles {}. The first run of new code waits some seconds. What can be kept is then on the disk."
 
 
 class Terminal(io.StringIO):

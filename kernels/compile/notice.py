@@ -46,9 +46,7 @@ def _say(what: str) -> None:
         was_said, _series["is said"] = _series["is said"], True
     if was_said:
         return
-    text = (
-        f"eig3 compiles {what}. The first run of new code waits some seconds. Code that can be kept is on the disk then."
-    )
+    text = f"eig3 compiles {what}. The first run of new code waits some seconds. What can be kept is then on the disk."
     if sys.stderr is not None and (sys.stderr.isatty() or "ipykernel" in sys.modules):
         print(text, file=sys.stderr, flush=True)
     else:
