@@ -166,6 +166,25 @@ def test_round_off_is_named():
     assert solution.error.largest["u"] < 1e-12
 
 
+def test_tolerances_that_hardly_reduce_the_error_have_a_note():
+    """With long steps, the errors of RK8 are as large at a tenth of this tolerance."""
+    rhs, _, u0, v0, params = SYSTEMS["swinging atwood"]
+    solution = eig3.integrate(rhs, (0, 10), u0, v0, params=params, rtol=1e-3, method="rk8", check=True)
+    assert "the estimate is rough" in " ".join(solution.error.notes)
+
+
+def test_an_exact_run_has_no_order():
+    """Free fall is exact but for round-off: the runs differ in the last digits, or not at all."""
+    solution = eig3.integrate(falling, (0, 1), 0.0, 0.0, h=2.0**-6, method="rk4", check=True)
+    assert solution.error.largest["u"] < 1e-14
+    assert not any("stability" in note for note in solution.error.notes)
+
+
+@eig3.jit
+def falling(t, u, v, p):
+    return -8.0
+
+
 def test_near_the_limit_of_stability_the_order_is_not_known():
     """The limit of EIG-3 is h = 2: with twice the step the coarser run is unstable."""
     solution = eig3.integrate(spring, (0, 1000), 1.0, 0.0, params=1.0, h=1.2, check=True, save_every=None)

@@ -25,6 +25,7 @@ _LEAST_RATIO = 2.0  # least factor by which the error decreases with a tenth of 
 _ROUND_OFF = 1e-12  # smaller differences, relative to the motion, may be round-off
 _SMALL = 1e-6  # a degree of freedom that moves less, relative to the largest motion, has no own scale
 _CONVERGING = 0.2  # the orders are measured up to this difference from the coarser run, relative to the motion
+_NEAR_ROUND_OFF = "The differences of the runs are near round-off: shorter steps do not help."
 _NO_DIGIT = 0.5  # an error of this fraction of the motion: no digit is right
 _WINDOWS = 16  # parts of the run whose orders are compared
 _GROWING = 1e-10, 0.1  # range of the relative errors in which a rate of growth is measured,
@@ -145,15 +146,11 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, order: in
         differences = Differences.of(solution, fine, coarse, scale)
     seen = differences and differences.ratio()
     if order is None:
-        factor = 1 / (1 - 1 / max(_LEAST_RATIO, seen)) if seen and math.isfinite(seen) else 1.0
-        observed = None
+        observed, factor = None, _by_tolerances(seen, is_tiny, notes)
     else:
-        observed, factor = _by_order(seen, fine, coarse, order, notes)
-        if differences and coarse and observed is not None and observed < order - _BELOW:
-            ratios = coarse.ratio, fine.ratio
-            notes.append(_lower(solution.method.label, differences, ratios, observed, order, is_tiny))
-    if is_tiny and (order is None or observed is None or observed < order - _BELOW):
-        factor = 1.0
+        observed, factor = _by_order(seen, fine, coarse, order, is_tiny, notes)
+        if differences and coarse and not is_tiny and observed is not None and observed < order - _BELOW:
+            notes.append(_lower(solution.method.label, differences, (coarse.ratio, fine.ratio), observed, order))
     if not fine.solution.success:
         notes.append(f"The compared run, {fine.name}, ended early: {fine.solution.message}")
 
@@ -229,12 +226,32 @@ class Differences(NamedTuple):
         return coarse / fine if fine else math.inf
 
 
+def _by_tolerances(seen: float | None, is_tiny: bool, notes: list[str]) -> float:
+    """Return the factor of the differences from the run with smaller tolerances."""
+    if seen is None or not math.isfinite(seen):
+        return 1.0
+    if seen >= _LEAST_RATIO:
+        return 1 / (1 - 1 / seen)
+    if is_tiny:
+        notes.append(_NEAR_ROUND_OFF)
+        return 1.0
+    notes.append(
+        f"A tenth of the tolerance divides the error by {seen:.2g} only: the estimate is rough. The motion may be "
+        "chaotic or have kinks, or no step may have seen a short event."
+    )
+    return 1 / (1 - 1 / _LEAST_RATIO)
+
+
 def _by_order(
-    seen: float | None, fine: Companion, coarse: Companion | None, order: int, notes: list[str]
+    seen: float | None, fine: Companion, coarse: Companion | None, order: int, is_tiny: bool, notes: list[str]
 ) -> tuple[float | None, float]:
     """Return the observed order and the factor of the differences from the finer run."""
     observed = None if seen is None or coarse is None else _order(seen, coarse.ratio, fine.ratio)
-    if coarse is not None and (observed is None or observed > order + _ABOVE):
+    is_known = observed is not None and observed <= order + _ABOVE
+    if is_tiny and not (is_known and observed is not None and observed >= order - _BELOW):
+        notes.append(_NEAR_ROUND_OFF)
+        return (observed if is_known else None), 1.0
+    if coarse is not None and not is_known:
         notes.append(
             f"{coarse.name.capitalize()} does not follow the motion: the step is near the limit of stability, or long "
             "for the motion, and the order is not known."
@@ -252,12 +269,8 @@ def _order(seen: float, c: float, r: float) -> float:
     return low
 
 
-def _lower(
-    label: str, differences: Differences, ratios: tuple[float, float], observed: float, order: int, is_tiny: bool
-) -> str:
+def _lower(label: str, differences: Differences, ratios: tuple[float, float], observed: float, order: int) -> str:
     """Describe an order below the order of the method."""
-    if is_tiny:
-        return "The differences of the runs are near round-off: shorter steps do not help."
     t = differences.t
     begin = t[0]
     for some in _windows(len(t)):

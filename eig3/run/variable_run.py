@@ -99,7 +99,8 @@ class VariableRun(Run):
         coarse = self._companion(solution, _RATIO, "a run with ten times the tolerance", cancel)
         if self.stepper.tolerances.rtol < _RATIO * LEAST_RTOL:
             return coarse, None  # no run has a smaller error: the difference is at least the error
-        return self._companion(solution, 1 / _RATIO, "a run with a tenth of the tolerance", cancel), coarse
+        fine = self._companion(solution, 1 / _RATIO, "a run with a tenth of the tolerance", cancel)
+        return fine, coarse if self.stepper.tolerances.rtol * _RATIO <= _LARGEST_RTOL else None
 
     def _companion(self, solution: Solution, ratio: float, name: str, cancel: Cancel | None) -> Companion:
         """Return the run with other tolerances."""
