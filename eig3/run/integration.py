@@ -127,14 +127,20 @@ def integrate(
         "max_steps": max_steps,
         "inline": inline,
     }
-    of_call: dict[str, Any] = {"check": check, "progress": progress, "raise_on_failure": raise_on_failure}
-    of_call |= {"cancel": cancel, "save_to": save_to}
+    layout = getattr(params, "layout", None)
+    of_call: dict[str, Any] = {
+        "check": check,
+        "progress": progress,
+        "raise_on_failure": raise_on_failure,
+        "cancel": cancel,
+        "save_to": save_to,
+    }
+    if accuracy is None:
+        if scale is not None or max_seconds is not None:
+            refuse_without_accuracy(scale=scale, max_seconds=max_seconds)
+        return Prepared(rhs, form, run_options(layout, **options))(t_span, u, v, params, **of_call)
 
     def prepared(**options: Any) -> Prepared:
-        return Prepared(rhs, form, run_options(getattr(params, "layout", None), **options))
+        return Prepared(rhs, form, run_options(layout, **options))
 
-    if accuracy is not None:
-        goal = check_goal(accuracy, scale, max_seconds)
-        return reach(goal, rhs, prepared, options, (t_span, u, v, params), of_call)
-    refuse_without_accuracy(scale=scale, max_seconds=max_seconds)
-    return prepared(**options)(t_span, u, v, params, **of_call)
+    return reach(check_goal(accuracy, scale, max_seconds), rhs, prepared, options, (t_span, u, v, params), of_call)
