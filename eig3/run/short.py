@@ -26,7 +26,7 @@ from .growth import STRANGE, natural_sizes
 
 _NONE = np.empty(0)
 # Duration of a short run, by the time per step of an earlier run. Ctrl-C waits for it. Slices would take a fifth longer
-# # for runs of 1 ms.
+# for runs of 1 ms.
 MOST_SECONDS = 5e-3
 TRIED_SECONDS = 4e-4  # a run with tolerances is tried as a short run up to this duration, independently of the last run
 MOST_VALUES = 2**17  # in its rows
