@@ -324,3 +324,29 @@ def test_ctrl_c_returns_the_run(monkeypatch):
     with pytest.raises(KeyboardInterrupt) as caught:
         solution.check()
     assert caught.value.solution is solution
+
+
+@eig3.jit
+def narrow(t, u, v, p):
+    if abs(u) > 1.0 + 5e-4:
+        raise ValueError("too far")
+    return -u
+
+
+def test_an_exception_in_a_compared_run_keeps_the_run():
+    """A stage of RK2 exceeds the amplitude by h^2 / 2: 2e-4 with this step, and 8e-4 with twice the step."""
+    for run_of in (
+        lambda: eig3.integrate(narrow, (0, 50), 1.0, 0.0, h=0.02, method="rk2", check=True),
+        lambda: eig3.ensemble(narrow, (0, 50), np.ones(2), 0.0, h=0.02, method="rk2", check=True),
+    ):
+        with pytest.raises(ValueError, match="too far") as caught:
+            run_of()
+        assert np.all(caught.value.solution.success)
+
+
+def test_the_ensemble_names_what_it_was_compared_with():
+    single = eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, h=0.01, save_every=None, check=True)
+    runs = eig3.ensemble(spring, (0, 10), np.ones(2), 0.0, params=1.0, h=0.01, check=True)
+    assert runs.error[0].by == single.error.by == "a run with two thirds of the step and a run with twice the step"
+    loose = eig3.ensemble(spring, (0, 10), np.ones(2), 0.0, params=1.0, rtol=0.1, check=True)
+    assert loose.error[0].by == "a run with a tenth of the tolerance"

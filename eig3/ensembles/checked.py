@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -10,16 +10,14 @@ from typing import Any
 import numpy as np
 
 from ..result.error_estimate import Companion, ErrorEstimate, estimate
+from ..result.solution import Solution
 from ..run.chunks import check_repeatable
-from ..run.variable_run import companion_tolerances
+from ..run.variable_run import companion_ratios, companion_tolerances
 from ..stepping.march import Cancel
 from ..stepping.run_options import RunOptions
-from ..stepping.tolerances import LEAST_RTOL
 from .in_process import Run
 from .members import Members
 from .solution import EnsembleSolution
-
-_RATIO = 10  # of the tolerances
 
 
 class MemberErrors:
@@ -37,8 +35,9 @@ class MemberErrors:
         The time after which no digit of u is right; NaN if there is no such time.
     """
 
-    def __init__(self, solution: EnsembleSolution, fine: EnsembleSolution, coarse: EnsembleSolution | None) -> None:
-        self._solution, self._fine, self._coarse = solution, fine, coarse
+    def __init__(self, solution: EnsembleSolution, others: Sequence[tuple[EnsembleSolution, float]]) -> None:
+        self._solution = solution
+        self._others = others  # the finer and, if it can be compared, the coarser ensemble, with their ratios
 
     def __len__(self) -> int:
         return len(self._solution)
@@ -51,10 +50,8 @@ class MemberErrors:
         member = self._solution[i]
         if not member.success:
             return None
-        is_fixed = member.steps is None
-        fine = _companion(member, self._fine[i], is_fixed)
-        coarse = None if self._coarse is None else _companion(member, self._coarse[i], is_fixed)
-        return estimate(member, fine, coarse, member.method.order if is_fixed else None)
+        fine, *coarse = (_companion(member, other[i], ratio) for other, ratio in self._others)
+        return estimate(member, fine, coarse[0] if coarse else None)
 
     @cached_property
     def _all(self) -> list[ErrorEstimate | None]:
@@ -87,17 +84,15 @@ def errors_of_members(
     rhs: Any, members: Members, options: RunOptions, threads: int, solution: EnsembleSolution, cancel: Cancel | None
 ) -> MemberErrors:
     """Run the ensemble with finer and with coarser steps."""
-    others: list[tuple[Members, RunOptions] | None]
-    if options.has_tolerances:
-        assert options.tolerances
-        has_finer = options.tolerances.rtol >= _RATIO * LEAST_RTOL
-        ratios = (1 / _RATIO, _RATIO) if has_finer else (_RATIO,)
-        others = [*((members, _with_tolerances(options, ratio)) for ratio in ratios), None][:2]
+    others: list[tuple[Members, RunOptions, float]]
+    if options.tolerances:
+        ratios = companion_ratios(options.tolerances)
+        others = [(members, _with_tolerances(options, ratio), ratio) for ratio in ratios]
     else:
-        others = [_with_steps(members, options, steps) for steps in (_finer(members, options), 1)]
-    fine, coarse = (None if other is None else Run(rhs, *other, threads).march(cancel=cancel) for other in others)
-    assert fine
-    return MemberErrors(solution, fine, coarse)
+        tried = (_with_steps(members, options, steps) for steps in (_finer(members, options), 1))
+        others = [other for other in tried if other]
+    found = [(Run(rhs, some, own, threads).march(cancel=cancel), ratio) for some, own, ratio in others]
+    return MemberErrors(solution, found)
 
 
 def check_members_repeatable(options: RunOptions, **given: Any) -> None:
@@ -114,7 +109,7 @@ def _finer(members: Members, options: RunOptions) -> int:
     return 3 if is_even or options.t_eval is not None else 4
 
 
-def _with_steps(members: Members, options: RunOptions, steps: int) -> tuple[Members, RunOptions] | None:
+def _with_steps(members: Members, options: RunOptions, steps: int) -> tuple[Members, RunOptions, float] | None:
     """Return the members with `steps` steps in place of two; None if their states are at other times."""
     n_steps = np.maximum(1, members.n_steps * steps // 2)
     h = (members.t_span[1] - members.t_span[0]) / n_steps
@@ -124,7 +119,8 @@ def _with_steps(members: Members, options: RunOptions, steps: int) -> tuple[Memb
             return None
         every = every * steps // 2 if every * steps % 2 == 0 else every * steps
     h = h if members.has_own_step else float(h[0])
-    return replace(members, h=h, n_steps=n_steps), options._replace(h=float(np.ravel(h)[0]), save_every=every)
+    options = options._replace(h=float(np.ravel(h)[0]), save_every=every)
+    return replace(members, h=h, n_steps=n_steps), options, 2 / steps
 
 
 def _with_tolerances(options: RunOptions, ratio: float) -> RunOptions:
@@ -134,7 +130,7 @@ def _with_tolerances(options: RunOptions, ratio: float) -> RunOptions:
     return options._replace(tolerances=tolerances, save_every=every)
 
 
-def _companion(member: Any, other: Any, is_fixed: bool) -> Companion:
-    if is_fixed:
-        return Companion.at_same_steps(member, other, other.h / member.h, "a run with other steps")
-    return Companion.between_steps(member, other, 1 / _RATIO, "a run with other tolerances")
+def _companion(member: Solution, other: Solution, ratio: float) -> Companion:
+    if member.steps is None:
+        return Companion.at_same_steps(member, other, other.h / member.h)
+    return Companion.between_steps(member, other, ratio)

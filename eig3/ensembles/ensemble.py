@@ -14,7 +14,7 @@ from ..functions.checks import check_cancel, check_count, check_flag, check_span
 from ..functions.events import Event
 from ..functions.layout import bound_layout
 from ..functions.named import has_names
-from ..kernels.compile.interrupt import with_solution
+from ..kernels.compile.interrupt import keeping, with_solution
 from ..kernels.compile.numba_internals import Jitted, options_of
 from ..keywords import with_suggestions
 from ..methods import Method
@@ -170,7 +170,8 @@ def ensemble(
     if check_flag(check, "check"):
         check_members_repeatable(options, executor=executor, reduce=reduce, save_to=save_to)
         solution = Run(rhs, members, options, own).march(progress, cancel)
-        solution.error = errors_of_members(rhs, members, options, own, solution, cancel)
+        with keeping(solution):
+            solution.error = errors_of_members(rhs, members, options, own, solution, cancel)
         return solution
     if executor is None and reduce is None and save_to is None:
         return Run(rhs, members, options, own).march(progress, cancel)

@@ -26,6 +26,7 @@ _ROUND_OFF = 1e-12  # smaller differences, relative to the motion, may be round-
 _SMALL = 1e-6  # a degree of freedom that moves less, relative to the largest motion, has no own scale
 _CONVERGING = 0.2  # the orders are measured up to this difference from the coarser run, relative to the motion
 _NEAR_ROUND_OFF = "The differences of the runs are near round-off: shorter steps do not help."
+_STEPS = {"two thirds of": 2 / 3, "half": 1 / 2, "twice": 2.0}  # the steps of compared runs, as ratios
 _NO_DIGIT = 0.5  # an error of this fraction of the motion: no digit is right
 _WINDOWS = 16  # parts of the run whose orders are compared
 _GROWING = 1e-10, 0.1  # range of the relative errors in which a rate of growth is measured,
@@ -100,8 +101,8 @@ class Companion:
         The rows of the states in the run, and in the companion.
     u, v : ndarray
         The states of the companion.
-    name : str
-        Such as "a run with half the step".
+    is_fixed : bool
+        Whether both runs have a fixed step.
     """
 
     solution: Any
@@ -110,33 +111,41 @@ class Companion:
     own: np.ndarray | None
     u: np.ndarray
     v: np.ndarray
-    name: str
+    is_fixed: bool
+
+    @property
+    def name(self) -> str:
+        """The run in words, such as "a run with half the step"."""
+        if not self.is_fixed:
+            return f"a run with {'a tenth of' if self.ratio < 1 else 'ten times'} the tolerance"
+        return f"a run with {min(_STEPS, key=lambda step: abs(_STEPS[step] - self.ratio))} the step"
 
     @classmethod
-    def at_same_steps(cls, solution: Any, other: Any, ratio: float, name: str) -> Companion:
+    def at_same_steps(cls, solution: Any, other: Any, ratio: float) -> Companion:
         """Return a companion with a fixed step, some of whose states are at the same times."""
         least = 1e-3 * min(solution.h, other.h)
         if len(other.t) == len(solution.t) and np.abs(other.t - solution.t).max() <= least:
             rows = np.arange(len(other.t))
-            return cls(other, ratio, rows, rows, other.u, other.v, name)
+            return cls(other, ratio, rows, rows, other.u, other.v, is_fixed=True)
         own = np.minimum(np.searchsorted(other.t, solution.t - least), len(other.t) - 1)
         rows = np.flatnonzero(np.abs(other.t[own] - solution.t) <= least)
         own = own[rows]
-        return cls(other, ratio, rows, own, other.u[own], other.v[own], name)
+        return cls(other, ratio, rows, own, other.u[own], other.v[own], is_fixed=True)
 
     @classmethod
-    def between_steps(cls, solution: Any, other: Any, ratio: float, name: str) -> Companion:
+    def between_steps(cls, solution: Any, other: Any, ratio: float) -> Companion:
         """Return a companion with tolerances, whose states are interpolated."""
         if len(other.t) == len(solution.t) and (other.t == solution.t).all():  # t_eval
             rows = np.arange(len(other.t))
-            return cls(other, ratio, rows, rows, other.u, other.v, name)
+            return cls(other, ratio, rows, rows, other.u, other.v, is_fixed=False)
         rows = np.flatnonzero(solution.t <= other.t[-1])
         u, v = other._interpolated(solution.t[rows])
-        return cls(other, ratio, rows, None, u, v, name)
+        return cls(other, ratio, rows, None, u, v, is_fixed=False)
 
 
-def estimate(solution: Any, fine: Companion, coarse: Companion | None, order: int | None) -> ErrorEstimate:
-    """Return the error of a solution by a finer and by a coarser run; `order` is None with tolerances."""
+def estimate(solution: Any, fine: Companion, coarse: Companion | None) -> ErrorEstimate:
+    """Return the error of a solution by a finer and by a coarser run."""
+    order = solution.method.order if fine.is_fixed else None
     scale = _scale(solution.u)
     first = (solution.u[fine.rows] - fine.u) / scale
     is_tiny = bool(np.abs(first).max(initial=0.0) < _ROUND_OFF)
@@ -248,7 +257,7 @@ def _by_order(
     """Return the observed order and the factor of the differences from the finer run."""
     observed = None if seen is None or coarse is None else _order(seen, coarse.ratio, fine.ratio)
     is_known = observed is not None and observed <= order + _ABOVE
-    if is_tiny and not (is_known and observed is not None and observed >= order - _BELOW):
+    if is_tiny and not (is_known and observed and observed >= order - _BELOW):
         notes.append(_NEAR_ROUND_OFF)
         return (observed if is_known else None), 1.0
     if coarse is not None and not is_known:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import reals
 from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
-from ..kernels.compile.interrupt import with_solution
+from ..kernels.compile.interrupt import keeping, with_solution
 from ..methods import Method
 from . import frames, storage
 from .columns import separated
@@ -168,7 +168,7 @@ class Solution:
         ValueError
             If the run cannot be repeated or was not successful, or the method adds random numbers.
         KeyboardInterrupt
-            After Ctrl-C. Its attribute `solution` is this solution.
+            After Ctrl-C. Its attribute `solution` is this solution. Exceptions from rhs have the same attribute.
 
         Notes
         -----
@@ -185,11 +185,8 @@ class Solution:
             )
         if not self.success:
             raise ValueError(f"check needs a successful run, and this one has the status {self.status.value}.")
-        try:
+        with keeping(self):
             self.error = self._extend().error(self, cancel)
-        except KeyboardInterrupt as error:
-            error.solution = self  # type: ignore[attr-defined]
-            raise
         return self.error
 
     @property

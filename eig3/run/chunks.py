@@ -386,10 +386,8 @@ class Run:
         ValueError
             If the method adds random numbers.
         """
-        method = self.stepper.method
-        check_repeatable(method)
-        fine, coarse = self.companions(solution, cancel)
-        return estimate(solution, fine, coarse, method.order if solution.steps is None else None)
+        check_repeatable(self.stepper.method)
+        return estimate(solution, *self.companions(solution, cancel))
 
     def _keep(self) -> None:
         """Write the results so far at intervals: they remain if the process is killed."""

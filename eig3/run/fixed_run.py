@@ -115,12 +115,11 @@ class FixedRun(Run):
 
     def companions(self, solution: Solution, cancel: Cancel | None) -> tuple[Companion, Companion | None]:
         two_thirds = self.n_steps % 2 == 0 and (self.times is not None or self.every % 2 == 0)
-        steps, name = (3, "two thirds of") if two_thirds else (4, "half")
-        fine = self._companion(solution, steps, f"a run with {name} the step", cancel)
+        fine = self._companion(solution, 3 if two_thirds else 4, cancel)
         assert fine
-        return fine, self._companion(solution, 1, "a run with twice the step", cancel)
+        return fine, self._companion(solution, 1, cancel)
 
-    def _companion(self, solution: Solution, steps: int, name: str, cancel: Cancel | None) -> Companion | None:
+    def _companion(self, solution: Solution, steps: int, cancel: Cancel | None) -> Companion | None:
         """Return the run with `steps` steps in place of two steps; None if no state is at the same time."""
         stepper, n_steps = self.stepper, self.n_steps * steps // 2
         if not n_steps:
@@ -134,7 +133,7 @@ class FixedRun(Run):
         start = *stepper.start, guarded(stepper.params), times
         other = Stepper.of(stepper.system, stepper.t0, h, *start)
         found = carry_out(FixedRun(other, n_steps, t_end, every, times).begin, cancel, raise_on_failure=False)
-        companion = Companion.at_same_steps(solution, found, 2 / steps, name)
+        companion = Companion.at_same_steps(solution, found, 2 / steps)
         return companion if len(companion.rows) > 1 else None
 
     def state(self) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from .history import FIRST_ROWS, History
 from .progress import check_progress
 
 _NAMED = 5  # degrees of freedom that a note names
-_RATIO = 10  # ratio of the tolerances of the runs that show the error,
+_RATIO = 10.0  # ratio of the tolerances of the runs that show the error,
 _LARGEST_RTOL = 0.5  # and the largest rtol of these runs
 
 
@@ -96,19 +96,17 @@ class VariableRun(Run):
         return run.begin(self, self._rows_kept() if times is None else stepper.n_wanted)
 
     def companions(self, solution: Solution, cancel: Cancel | None) -> tuple[Companion, Companion | None]:
-        coarse = self._companion(solution, _RATIO, "a run with ten times the tolerance", cancel)
-        if self.stepper.tolerances.rtol < _RATIO * LEAST_RTOL:
-            return coarse, None  # no run has a smaller error: the difference is at least the error
-        fine = self._companion(solution, 1 / _RATIO, "a run with a tenth of the tolerance", cancel)
-        return fine, coarse if self.stepper.tolerances.rtol * _RATIO <= _LARGEST_RTOL else None
+        ratios = companion_ratios(self.stepper.tolerances)
+        fine, *coarse = (self._companion(solution, ratio, cancel) for ratio in ratios)
+        return fine, coarse[0] if coarse else None
 
-    def _companion(self, solution: Solution, ratio: float, name: str, cancel: Cancel | None) -> Companion:
+    def _companion(self, solution: Solution, ratio: float, cancel: Cancel | None) -> Companion:
         """Return the run with other tolerances."""
         stepper, tolerances = self.stepper, companion_tolerances(self.stepper.tolerances, ratio)
         start = *stepper.start, guarded(stepper.params)
         other = VariableStepper(stepper.system, (stepper.t0, stepper.t_end), *start, tolerances, self.times)
         found = carry_out(VariableRun(other, 1, self.times).begin, cancel, raise_on_failure=False)
-        return Companion.between_steps(solution, found, ratio, name)
+        return Companion.between_steps(solution, found, ratio)
 
     def state(self) -> dict[str, Any]:
         stepper = self.stepper.before_end()
@@ -284,6 +282,16 @@ class VariableRun(Run):
     def _progress(self) -> int:
         stepper = self.stepper
         return round(100 * (stepper.t - stepper.t0) / (stepper.t_end - stepper.t0))
+
+
+def companion_ratios(given: Tolerances) -> tuple[float, ...]:
+    """Return the tolerances of the compared runs, as ratios to the tolerances of a run; the smaller come first.
+
+    Near round-off no run has a smaller error: a run with larger tolerances then differs by at least the error.
+    """
+    if given.rtol < _RATIO * LEAST_RTOL:
+        return (_RATIO,)
+    return (1 / _RATIO, _RATIO) if given.rtol * _RATIO <= _LARGEST_RTOL else (1 / _RATIO,)
 
 
 def companion_tolerances(given: Tolerances, ratio: float) -> Tolerances:

@@ -11,7 +11,8 @@ import sys
 
 # The functions of the module signal convert to enums, which takes 10 microseconds a run.
 from _signal import getsignal, signal  # type: ignore[import-not-found]
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from signal import SIGINT, default_int_handler
 from threading import get_ident, main_thread
@@ -33,6 +34,16 @@ def with_solution(function: _Function) -> _Function:
             raise
 
     return call  # type: ignore[return-value]
+
+
+@contextmanager
+def keeping(solution: Any) -> Iterator[None]:
+    """A block after a run whose exceptions have this run as their attribute `solution`."""
+    try:
+        yield
+    except BaseException as error:
+        error.solution = solution  # type: ignore[attr-defined]
+        raise
 
 
 class DeferredInterrupt:
