@@ -4,8 +4,8 @@
 Each lane has its own time, step, error and acceptance, which are selected without branches. A trajectory that has ended
 hands its lane to the next one at once: no lane waits. The formulas of the steps, the error and the step control are
 shared with single runs, see `eig3.kernels.loops.variable`. What happens rarely is left to a single run: a step below
-the resolution of the time, too many steps, a force that does not act yet. LOOKS says for what the kernel looks: events
-and wanted times, see `eig3.kernels.lane_events`, or nothing.
+the resolution of the time, too many steps, a force that does not act yet. OBSERVES says whether the steps are observed,
+see `eig3.kernels.lane_observation`.
 
 All values of a block are in one array, in rows at constant places: LLVM then knows without checks that the rows do not
 overlap. Value j of the trajectory in a lane is at index j * lanes + lane of a row.
@@ -25,7 +25,7 @@ from numba.types import NamedTuple as Record
 
 from .compile.jit import bound, compile_kernel, element, function_at
 from .compile.numba_internals import Strip, parts_of, wide_vectors
-from .lane_events import BAD, SIGHT, STOPPED, seeing
+from .lane_observation import BAD, LANE_OBSERVATION, MOST_ROWS, OCCURRENCES, STATES, STOPPED, observing
 from .lanes import Lanes, Layout, compile_template
 from .loops.beginning import RESOLUTION, beginning, least_size, least_sizes
 from .loops.controller import LEAST_ERROR, exponent, next_step, shrinkage
@@ -33,7 +33,6 @@ from .loops.formulas import variable_formulas
 from .loops.pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
 from .protocol import (
     EVALUATIONS,
-    LOOK_WITHIN,
     SPAN,
     STEP,
     STEP_BEFORE,
@@ -70,8 +69,8 @@ class LaneRows(NamedTuple):
     `there` is the time of a stage, `step` the step of the trial, and `h` the next step. `before` is the step before,
     and `error` the logarithm of its error. The error of a trial is relative to at least `u_least` and `v_least`, and v
     has no separate size up to `v_blur`. `bad` is `BAD` if a single run has to take the trajectory, and `STOPPED` if
-    an event has ended it. `ok` is 1 if the trial was accepted, and `sees` says what is to be seen in it. The last rows
-    are for sums and maxima.
+    an event has ended it. `ok` is 1 if the trial was accepted, and `sees` is 1 if the lane is to be observed. The last
+    rows are for sums and maxima.
     """
 
     time: Any
@@ -135,11 +134,11 @@ class Trajectories(NamedTuple):
     counts: Any
 
 
-def adaptive(rhs, alone, project, count, span, block, trajectories, sight, look):
-    """Take `count` steps in each lane, or fewer if all trajectories end, or if the log is full. Return their number.
+def adaptive(rhs, alone, project, count, span, block, trajectories, seen):
+    """Take `count` steps in each lane, or fewer if all trajectories end, or if rows are full. Return their number.
 
     `rhs`, `alone` and `project` are addresses: the right-hand side for lanes and for one trajectory, and the projection
-    for lanes, or 0 without constraints. Of the rows and the parameters of `span`, none are used.
+    for lanes, or 0 without constraints. The parameters of `span` are not used; its rows are those of all trajectories.
     """
     s, members, place, atol, t_end = block.values, block.members, block.place, span.atol, span.t_end
     y = ROWS(s)
@@ -149,7 +148,7 @@ def adaptive(rhs, alone, project, count, span, block, trajectories, sight, look)
     there, f, share = of.there, RHS_AT(rhs), least_size(span.rtol)
     steps = 0
     while steps < count:
-        if LOOKS > 0 and sight.logged[0] + LANES * len(sight.events) > len(look.watch.log):
+        if OBSERVES and is_full(span, seen):
             break
         ended = 0
         for lane in range(LANES):
@@ -158,9 +157,9 @@ def adaptive(rhs, alone, project, count, span, block, trajectories, sight, look)
             for lane in range(LANES):
                 if bad[lane] > 0 or time[lane] >= t_end or taken[lane] >= span.count:
                     if members[lane] >= 0:
-                        end(lane, span, of, y, block, trajectories)
+                        END(lane, span, of, y, block, trajectories, seen)
                     while place[NEXT] < len(trajectories.u) and members[lane] < 0:
-                        BEGIN_LANE(lane, alone, span, of, y, block, trajectories, sight, look)
+                        BEGIN_LANE(lane, alone, span, of, y, block, trajectories, seen)
             if place[OPEN] == 0:
                 break
         for lane in range(LANES):
@@ -195,12 +194,12 @@ def adaptive(rhs, alone, project, count, span, block, trajectories, sight, look)
                 bad[lane] = BAD if (ok[lane] > 0) & (square[lane] == 0) else bad[lane]
         if project != 0:
             PROJECT_AT(project)(span.t0, y[U_END], y[V_END], block.p)
-        if LOOKS > 0 and SEE(block.p, of, y, sight) > 0:
+        if OBSERVES and SEE(block.p, of, y, seen) > 0:
             for lane in range(LANES):
                 if of.sees[lane] > 0:
                     m = members[lane]
                     own = trajectories.params[m if len(trajectories.params) > 1 else 0]
-                    evaluations = LOOK_ALONE(lane, alone, span, own, of, block, sight, look)
+                    evaluations = OBSERVE_LANE(lane, alone, span, own, of, block, seen)
                     trajectories.counts[m, EVALUATED] += evaluations
         ADVANCE(ok, y)
         if span.is_relative == 1:
@@ -209,7 +208,15 @@ def adaptive(rhs, alone, project, count, span, block, trajectories, sight, look)
     return steps
 
 
-def end(lane, span, of, y, block, trajectories):
+def is_full(span, seen):
+    """Return whether there is no room for what all lanes may write in a step."""
+    has_events, has_rows = len(seen.events) > 0, len(span.t_rows) > 0
+    occurrences = seen.written[OCCURRENCES] + LANES * len(seen.events)
+    states = seen.written[STATES] + LANES * MOST_ROWS
+    return (has_events and occurrences > len(seen.of_occurrences)) or (has_rows and states > len(span.t_rows))
+
+
+def end(lane, span, of, y, block, trajectories, seen):
     """Write the end of the trajectory in a lane."""
     time, taken, trials, bad = of.time, of.taken, of.trials, of.bad
     m, is_stopped = block.members[lane], bad[lane] == STOPPED
@@ -220,12 +227,14 @@ def end(lane, span, of, y, block, trajectories):
     trajectories.counts[m, TAKEN], trajectories.counts[m, REJECTED] = int(taken[lane]), int(trials[lane] - taken[lane])
     trajectories.counts[m, EVALUATED] += COST * int(trials[lane])
     trajectories.counts[m, ENDED] = LEFT if is_left else (TERMINATED if is_stopped else REACHED)
+    if OBSERVES:
+        END_OBSERVING(lane, m, of.before[lane], time[lane], seen)
     block.members[lane] = -1
     block.place[OPEN] -= 1
     bad[lane], taken[lane], trials[lane], time[lane] = 0.0, 0.0, 0.0, span.t_end
 
 
-def begin_lane(lane, alone, span, of, y, block, trajectories, sight, look):
+def begin_lane(lane, alone, span, of, y, block, trajectories, seen):
     """Begin the next trajectory in a lane, as a single run begins."""
     one, counters, m = block.one, block.counters, block.place[NEXT]
     block.place[NEXT] += 1
@@ -256,8 +265,8 @@ def begin_lane(lane, alone, span, of, y, block, trajectories, sight, look):
         y[U][j], y[V][j], y[A][j] = one[U, d], one[V, d], one[A, d]
         y[U_MOST][j], y[V_MOST][j] = one[U_MOST, d], one[V_MOST, d]
         y[V_MOST + 1][j] = one[A, d]  # the acceleration before the first step, for a multistep method
-    if LOOKS > 0:
-        BEGIN_SIGHT(lane, m, span.t0, own, one, sight, look)
+    if OBSERVES:
+        BEGIN_OBSERVING(lane, m, span, own, one, seen)
     block.members[lane] = m
 
 
@@ -366,7 +375,7 @@ def rows_of(module: str, n: int, lanes: int) -> Rows:
 
 
 @functools.cache
-def adaptive_kernel(module: str, form: Form, n: int, lanes: int, looks: int) -> Any:
+def adaptive_kernel(module: str, form: Form, n: int, lanes: int, observes: bool) -> Any:
     """Compile `adaptive` for a method, or load it from the disk.
 
     Parameters
@@ -375,11 +384,12 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int, looks: int) -> 
         The file with the formulas of the method, a `Pair`.
     form : Form
     n, lanes : int
-    looks : int
-        0 if the arguments `sight` and `look` are None, or `SEARCHES`.
+    observes : bool
+        Whether the steps are observed. The argument `seen` is None otherwise.
     """
     pair = variable_formulas(module)
-    names: dict[str, Any] = {"N": n, "LANES": lanes, "ORDER": pair.order, "COST": pair.evaluations, "LOOKS": looks}
+    names: dict[str, Any] = {"N": n, "LANES": lanes, "ORDER": pair.order, "COST": pair.evaluations}
+    names |= {"OBSERVES": observes, "OVERFLOWING": _OVERFLOWING}
     names |= rows_of(module, n, lanes).views() | pair.of_lanes(n, lanes)
     names |= {
         "RHS_AT": _rhs_at,
@@ -388,20 +398,18 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int, looks: int) -> 
         "ALONE_AT": form.at("rhs"),
         "BEGIN": beginning(form)[0],
     }
-    names |= {"OVERFLOWING": _OVERFLOWING}
-    if looks:
-        dense = pair.functions()["dense_called"]
-        names |= seeing(form, {**names, "ROWS": pair.rows, "DENSE": dense, "DENSE_COST": pair.dense_evaluations})
-    names |= {function.__name__: element(bound(function, names)) for function in (end, rest, widen_sizes)}
-    names["BEGIN_LANE"] = element(bound(begin_lane, names))
+    if observes:
+        names |= observing(form, {**names, "ROWS": pair.rows})
+    names |= {function.__name__: element(bound(function, names)) for function in (is_full, rest, widen_sizes)}
+    names |= {"END": element(bound(end, names)), "BEGIN_LANE": element(bound(begin_lane, names))}
     integers, vector, matrix = Array(int64, 1, "C"), vector_type, matrix_type
     arguments = (
         *(int64, int64, int64, int64),
         SPAN,
         Record((vector, vector, integers, integers, matrix, vector, float64), Block),
         Record((matrix, matrix, matrix, Array(int64, 2, "C")), Trajectories),
-        *((SIGHT, LOOK_WITHIN) if looks else (none, none)),
+        LANE_OBSERVATION if observes else none,
     )
-    label = f"{module}_{form.name}_{n}_of_{lanes}_lanes_look{looks}"
+    label = f"{module}_{form.name}_{n}_of_{lanes}_lanes{'_observed' * observes}"
     with wide_vectors():
         return compile_kernel(adaptive, names, int64(*arguments), label)

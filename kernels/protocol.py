@@ -42,10 +42,13 @@ BY_SPAN, SILENT_STEP, SILENT_END = range(17, 20)
 #: the step index at which the invariants are due next, and the largest distance between two such indices.
 PART, PART_END, DUE, SPACING = range(20, 24)
 
+#: A further entry for a run with wanted times: the row of the first of them. Runs in lanes share the rows.
+FIRST_ROW = 24
+
 #: Four values follow for each event: the sign of g, where 0 means that it is looked at just after the start of the
 #: next step; the time of its last reset; the sign of g before this reset, if it left g at zero, or else 0; and g after
 #: it.
-EVENTS, EVENT_VALUES = 24, 4
+EVENTS, EVENT_VALUES = 25, 4
 
 #: What became of a step with events. A later one of these outcomes takes precedence. A step that is RESTING or
 #: NOT_A_NUMBER is not taken: the state stays at its start.

@@ -233,7 +233,7 @@ SIGHTS = {
 PLACES = np.column_stack([np.linspace(1.0, 2.0, M), np.linspace(-1.5, 1.5, M)])  # of a spring with u from 1 to -1
 
 
-def assert_as_single(found, one, i):
+def assert_as_single(found, one, i, atol=1e-10):
     """The same steps and the same events, but for the round-off of some ten steps."""
     assert (found.status[i], found.message[i][:40]) == (one.status, one.message[:40])
     assert (found.n_steps[i], found.n_rhs[i], found.n_rejected[i]) == (one.n_steps, one.n_rhs, one.n_rejected)
@@ -242,7 +242,7 @@ def assert_as_single(found, one, i):
     if len(one.t) != 2:  # lanes do not know the step to the end
         np.testing.assert_allclose(mine.steps, one.steps, rtol=1e-4)  # of errors, in which round-off is larger
     for name in ("t", "u", "v"):
-        np.testing.assert_allclose(getattr(mine, name), getattr(one, name), rtol=0, atol=1e-10)
+        np.testing.assert_allclose(getattr(mine, name), getattr(one, name), rtol=0, atol=atol)
     for name, expected in one.events.items():
         occurrences = mine.events[name]
         assert len(occurrences) == len(expected)
@@ -324,3 +324,96 @@ def test_few_members_run_alone(monkeypatch):
     for i in range(15):  # with the bits of single runs
         alone = single("duffing", i)
         assert (found.u[i, -1], found.v[i, -1]) == (alone.u[-1], alone.v[-1])
+
+
+@eig3.jit
+def strain(t, u, v, p):
+    return 0.5 * v * v + 0.5 * p[0] * u * u
+
+
+@eig3.jit
+def forces(t, u, v, p, out):
+    out[0] = -p[0] * u
+    out[1] = u * v
+
+
+@eig3.jit
+def power(t, u, v, p):
+    return u * v
+
+
+OBSERVED = {
+    "saved": {"save_every": 3},
+    "all saved": {"save_every": 1},
+    "energy": {"invariants": {"energy": strain}},
+    "sometimes": {"invariants": {"energy": strain}, "invariants_every": 5},
+    "outputs": {"outputs": {"power": power, "forces": (forces, 2)}},
+    "saved outputs": {"outputs": {"forces": (forces, 2)}, "save_every": 2},
+    "all": {
+        "outputs": {"power": power, "forces": (forces, 2)},
+        "invariants": {"energy": strain},
+        "events": {"there": eig3.Event(above_level, apply=brake), "slow": eig3.Event(slow)},
+        "save_every": 1,
+    },
+    "all at times": {
+        "outputs": {"power": power, "forces": (forces, 2)},
+        "invariants": {"energy": strain},
+        "events": {"there": eig3.Event(above_level, apply=brake)},
+        "t_eval": np.linspace(0.0, 10.0, 23),
+    },
+    "an end": {
+        "outputs": {"power": power},
+        "events": {"there": eig3.Event(above_level, direction=-1, terminal=True)},
+        "save_every": 4,
+    },
+}
+
+
+@pytest.mark.parametrize("observed", OBSERVED)
+@pytest.mark.parametrize("method", ["rk5", "rkn12"])
+def test_quantities_and_saved_states_are_those_of_single_runs(observed, method, in_lanes):
+    options = {"rtol": 1e-8, "method": method, **OBSERVED[observed]}
+    found = eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, params=PLACES, **options)
+    assert not found.notes
+    for i in range(0, M, 11):
+        ends = {} if "t_eval" in options else {"save_every": None}
+        one = eig3.integrate(linear_spring, (0, 10), 1.0, 0.3, params=PLACES[i], **{**ends, **options})
+        # The step follows from errors, in which round-off is larger, and saved states are at the ends of steps.
+        atol = 1e-5 if "save_every" in options else 1e-9
+        assert_as_single(found, one, i, atol)
+        mine = found[i]
+        if "events" not in options:
+            w = np.sqrt(PLACES[i, 0])
+            exact = np.cos(w * mine.t) + 0.3 / w * np.sin(w * mine.t)
+            np.testing.assert_allclose(mine.u, exact, rtol=0, atol=1e-6)  # rtol times some ten steps
+        assert (mine.n_invariants, list(mine.drift)) == (one.n_invariants, list(one.drift))
+        for name, values in one.outputs.items():
+            np.testing.assert_allclose(mine.outputs[name], values, rtol=0, atol=10 * atol)
+        for name, drift in one.drift.items():
+            assert mine.drift[name] == pytest.approx(drift, rel=1e-3, abs=1e-14)  # a difference near round-off
+        for name, extremes in one.extremes.items():
+            np.testing.assert_allclose(mine.extremes[name], extremes, rtol=0, atol=1e-6)  # also of times
+
+
+def test_a_quantity_that_writes_beyond_its_values_is_refused():
+    @eig3.jit
+    def three(t, u, v, p, out):
+        out[0] = out[1] = u
+        if t > 5:
+            out[2] = u
+
+    with pytest.raises(ValueError, match="writes beyond"):
+        eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, params=PLACES, rtol=1e-6, outputs={"o": (three, 2)})
+
+
+def test_saved_states_of_many_steps_depend_on_no_room(monkeypatch):
+    """The same bits with room for the states of four steps, and in parts of an executor."""
+    options = {"params": PLACES, "rtol": 1e-7, "method": "rk5", "save_every": 1, "outputs": {"power": power}}
+    found = eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, **options)
+    monkeypatch.setattr("eig3.ensembles.adaptive_observer._ROWS", 1)
+    other = eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, threads=1, **options)
+    assert len(set(np.isfinite(found.t).sum(axis=1))) > 10
+    for name in ("t", "u", "v", "steps"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(found, name))
+    np.testing.assert_array_equal(other.outputs["power"], found.outputs["power"])
+    np.testing.assert_array_equal(other.extremes["power"], found.extremes["power"])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..kernels.adaptive_lanes import (
@@ -18,18 +16,17 @@ from ..kernels.adaptive_lanes import (
     Trajectories,
     rows_of,
 )
-from ..kernels.lane_events import Sight
-from ..kernels.loops.formulas import variable_formulas
-from ..kernels.protocol import EVENT_VALUES, EVENTS, SEARCHES, Span
+from ..kernels.lane_observation import END_TIME
+from ..kernels.protocol import EVENTS, Span
 from ..result.memory import aligned
-from ..stepping.march import Cancel
-from ..stepping.observer import Observer
+from ..stepping.march import Cancel, Rows
 from ..stepping.run_options import NEVER
 from ..stepping.slices import Slices
+from .adaptive_observer import AdaptiveObserver
 from .lanewise import Setup
 from .single_members import Alone
 
-_NONE, _NO_STATES = np.empty(0), np.empty((0, 0))
+_NO_ROWS = Rows(np.empty(0), np.empty(0), np.empty((0, 0)), np.empty((0, 0)))
 
 
 class AdaptiveBlock(Alone):
@@ -51,20 +48,24 @@ class AdaptiveBlock(Alone):
     def run(self, stop: Cancel) -> None:
         """Run the members to their ends, or until `stop` is set."""
         shared, histories = self.shared, self.histories
-        looks = self._looks() if shared.prepared.system.looks == SEARCHES else (None, None)
-        ends = self._march(stop, *looks)
+        observer = AdaptiveObserver(shared, self.numbers, self._tolerances.rtol) if shared.observes else None
+        ends = self._march(stop, observer)
         how = ends.counts[:, ENDED]
         reached, stopped = (how == REACHED) | (how == TERMINATED), how == TERMINATED
-        t = np.full(len(how), histories.members.t_span[1])
-        if looks[0]:
-            t[stopped] = looks[0].stops[stopped, 0]
-        counts = (ends.counts[reached, column] for column in (TAKEN, REJECTED, EVALUATED))
-        histories.reach(self.numbers[reached], t[reached], ends.u[reached], ends.v[reached], *counts)
-        if looks[0]:
-            self._store(looks[0], reached, stopped)
+        chosen = self.numbers[reached]
+        t = observer.record.ends[reached, END_TIME] if observer else np.full(len(chosen), histories.members.t_span[1])
+        histories.reach(chosen, t, *(ends.counts[reached, column] for column in (TAKEN, REJECTED, EVALUATED)))
+        if observer:
+            observer.store(reached, stopped, ends.u, ends.v)
+        else:
+            members = histories.members
+            first = members.t_span[0], 0.0, members.u0[chosen], members.v0[chosen]
+            no_step = np.full(len(chosen), np.nan)  # the kernel does not keep the last step
+            last = t, no_step, ends.u[reached], ends.v[reached]
+            histories.save_rows(chosen, first, self.numbers[:0], [x[:0] for x in last], last)
         self.run_alone(self.numbers[~reached], stop)
 
-    def _march(self, stop: Cancel, sight: Sight | None, look: Any) -> Trajectories:
+    def _march(self, stop: Cancel, observer: AdaptiveObserver | None) -> Trajectories:
         """Run the lanes in slices, and check `stop` between them."""
         shared, members, numbers = self.shared, self.histories.members, self.numbers
         params = members.params[numbers] if members.has_own_params else members.params[None]
@@ -72,25 +73,23 @@ class AdaptiveBlock(Alone):
         # the right-hand side of one member may write to the table of its constraints
         trajectories = Trajectories(members.u0[numbers], members.v0[numbers], params.copy(), counts)
         callback, project = shared.prepared.system.callback, shared.project.address if shared.project else 0
-        block, span, slices = self._block(), self._span(int(callback.reads_time)), Slices(None)
+        addresses = shared.rhs.address, callback.address, project
+        block, span, slices = self._block(), self._span(int(callback.reads_time), observer), Slices(None)
         while block.place[OPEN] and not stop.is_set():
             count, *begun = slices.begin(NEVER)
-            addresses = shared.rhs.address, callback.address, project
-            taken = shared.kernel(*addresses, count, span, block, trajectories, sight, look)
+            taken = shared.kernel(*addresses, count, span, block, trajectories, observer and observer.record)
             self.seconds += slices.end(taken, *begun)
-            if sight and sight.logged[0]:
-                logged = slice(sight.logged[0])
-                self._found.append((sight.members[logged].copy(), look.watch.log[logged].copy()))
-                sight.logged[0] = 0
+            if observer:
+                observer.collect()
         return trajectories
 
-    def _span(self, reads_time: int) -> Span:
-        """Return the span and the tolerances."""
+    def _span(self, reads_time: int, observer: AdaptiveObserver | None) -> Span:
+        """Return the span, the tolerances, and the rows for states."""
         members = self.histories.members
-        t = self._tolerances
-        steps = members.params.reshape(-1)[:0], 0, t.max_steps, 0, 0
+        t, every, rows = self._tolerances, observer.every if observer else 0, observer.rows if observer else _NO_ROWS
+        steps = members.params.reshape(-1)[:0], 0, t.max_steps, every, 0
         limits = t.h_max, t.rtol, t.atol, int(t.is_relative), 1, reads_time
-        return Span(*members.t_span, *steps, *limits, _NONE, _NONE, _NO_STATES, _NO_STATES)
+        return Span(*members.t_span, *steps, *limits, *rows)
 
     def _block(self) -> Block:
         """Return a block whose lanes have no member yet."""
@@ -101,41 +100,3 @@ class AdaptiveBlock(Alone):
         p = np.zeros(members.params.shape[-1] * lanes) if members.has_own_params else members.params
         numbers, place = np.full(lanes, -1, dtype=np.int64), np.array([0, len(self.numbers)])
         return Block(values, p, numbers, place, np.zeros((len(rows.names), members.n)), np.zeros(EVENTS), h_first)
-
-    def _looks(self) -> tuple[Sight, Any]:
-        """Return the events and the times of t_eval for the lanes, and the observer of a single run."""
-        shared, histories, n, lanes = self.shared, self.histories, self.histories.members.n, self.shared.layout.lanes
-        count, m, system = len(shared.events), len(self.numbers), shared.prepared.system
-        formulas, times = variable_formulas(shared.method.variable), histories.options.t_eval
-        observer = Observer(system, times, n, formulas.work_rows)
-        observer.look_within(formulas, self._tolerances.rtol)
-        watch = observer.watch
-        # There must be space for an event of each kind in each lane.
-        log = np.empty((max(len(watch.log), 2 * lanes * count), 2 + 4 * n))
-        mine = slice(self.numbers[0], self.numbers[-1] + 1) if times is not None else slice(0)
-        sight = Sight(
-            np.array([event.address for event in shared.events], dtype=np.int64),
-            np.ones((count, lanes)),
-            np.ones((count, lanes)),
-            np.full(lanes, np.inf),
-            np.zeros((lanes, EVENTS + EVENT_VALUES * count)),
-            np.empty(len(log), dtype=np.int64),
-            np.zeros(1, dtype=np.int64),
-            _NO_STATES if histories.steps is None else histories.steps[mine],
-            histories.u[mine],
-            histories.v[mine],
-            np.empty((m, 2)),
-        )
-        self._found = [(sight.members[:0], log[:0])]  # the members and the rows of the occurrences so far
-        return sight, observer.arguments._replace(watch=watch._replace(log=log))
-
-    def _store(self, sight: Sight, ended: np.ndarray, stopped: np.ndarray) -> None:
-        """Store the occurrences in the ended members of a mask, and the events that stopped members."""
-        for rows in (sight.steps, sight.u, sight.v):
-            if len(rows):
-                rows[~ended] = np.nan
-        member, found = (np.concatenate(parts) for parts in zip(*self._found, strict=True))
-        valid = ended[member]
-        self.histories.note_events(self.numbers[member[valid]], found[valid])
-        t, event = sight.stops[stopped].T
-        self.histories.end_by_events(self.numbers[stopped], event, t)

@@ -152,21 +152,39 @@ class Histories:
                 self.events[name].append((np.full(len(occurrences), member), occurrences))
 
     def reach(
-        self,
-        chosen: np.ndarray,
-        t: np.ndarray,
-        u: np.ndarray,
-        v: np.ndarray,
-        n_steps: np.ndarray,
-        n_rejected: np.ndarray,
-        n_rhs: np.ndarray,
+        self, chosen: np.ndarray, t: np.ndarray, n_steps: np.ndarray, n_rejected: np.ndarray, n_rhs: np.ndarray
     ) -> None:
-        """Store the ends of members with tolerances that ran in lanes to the end of the span."""
-        if self._t is not None:
-            self._t[chosen, 1], self.u[chosen, 1], self.v[chosen, 1] = t, u, v
+        """Store the counts of members with tolerances that ran in lanes to their ends at t."""
         self.n_steps[chosen], self.n_rejected[chosen], self.n_rhs[chosen] = n_steps, n_rejected, n_rhs
         self.h[chosen] = (t - self.members.t_span[0]) / np.maximum(1, n_steps)
         self.status[chosen], self.message[chosen] = Status.COMPLETED, REACHED
+        if self.drift:
+            spacing = spacing_of(self.options.functions.invariants_every)
+            counts, of_member = np.unique(n_steps, return_inverse=True)
+            self.n_invariants[chosen] = np.array([n_invariants(int(n), spacing) for n in counts])[of_member]
+
+    def save_rows(self, chosen: np.ndarray, first: Sequence, place: np.ndarray, rows: Sequence, last: Sequence) -> None:
+        """Store the first states of members with their own times, some rows, and the last states, if no row has them.
+
+        Each sequence has times, steps, u, v and the outputs. A row belongs to the member at its `place` in `chosen`;
+        the places increase.
+        """
+        if not len(chosen):
+            return
+        count = np.bincount(place, minlength=len(chosen))
+        ends = np.cumsum(count)
+        has_rows = np.flatnonzero(count)
+        is_new = np.ones(len(chosen), dtype=bool)
+        t, _, u, v = (x[ends[has_rows] - 1] == y[has_rows] for x, y in zip(rows[:4], last[:4], strict=True))
+        is_new[has_rows] = ~(t & u.all(axis=1) & v.all(axis=1))
+        row = 1 + np.arange(len(place)) - (ends - count)[place]
+        with self._room:
+            self._reserve(1 + int((count + is_new).max()))
+            wholes = self._t, self.steps, self.u, self.v, *self.outputs.values()
+            for whole, begin, between, end in zip(wholes, first, rows, last, strict=True):
+                assert whole is not None
+                whole[chosen, 0], whole[chosen[place], row] = begin, between
+                whole[chosen[is_new], 1 + count[is_new]] = end[is_new]
 
     def stop(
         self, chosen: np.ndarray, index: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray, n_rhs: np.ndarray

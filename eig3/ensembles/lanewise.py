@@ -17,7 +17,7 @@ from ..kernels.constraint_lanes import UnrolledConstraints, compile_constrained,
 from ..kernels.lane_stops import stops_kernel
 from ..kernels.lanes import Lanes, Layout, compile_caught, compile_quantity, compile_rhs, compile_watched
 from ..kernels.loops.fixed import wide_kernel
-from ..kernels.protocol import FOLLOWS, SEARCHES
+from ..kernels.protocol import FOLLOWS
 from ..methods import Method
 from ..run.prepare import Prepared
 from ..stepping.run_options import RunOptions
@@ -53,9 +53,6 @@ _OTHER_CONSTRAINTS = (
 _SPARSE = (
     "params have a sparse matrix and differ between members; lanes read a sparse matrix only from params that all "
     "members share."
-)
-_FOLLOWED = (
-    "runs with tolerances in lanes have no save_every, no invariants and no outputs; t_eval and events are possible."
 )
 
 # The references are weak, so that a program that makes many functions does not keep all of them in memory.
@@ -100,9 +97,11 @@ class Setup:
     constrained_step, project : Lanes or None
         The function that enforces the constraints, if any: a step of EIG-3, or the projection after each step.
     quantities : dict of str to (Quantity, Lanes)
-        The invariants and the outputs.
+        With fixed steps, the invariants and the outputs.
     events : list of Lanes
         The functions g of the events.
+    observes : bool
+        Whether steps with tolerances are observed.
     stops : (callable, Lanes) or None
         With fixed steps, if the only observed functions are events that only end members: the kernel that searches
         their steps, and the function that enforces constraints in them.
@@ -120,6 +119,7 @@ class Setup:
     project: Lanes | None
     quantities: dict[str, tuple[Quantity, Lanes]]
     events: list[Lanes]
+    observes: bool
     stops: tuple[Callable, Lanes] | None
     pace: Pace = field(default_factory=Pace)
 
@@ -140,7 +140,6 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
     followed = {**invariants, **outputs}
     if options.has_tolerances:
         layout = _layout(members, ADAPTIVE_LANES, True) if _pays(members, unrolled) else None
-        obstacle = obstacle or _FOLLOWED * (options.save_every is not None or bool(followed))
     else:
         method = method.for_force(callback.reads_velocity, members.n)
         method = method.with_constraints() if unrolled else method
@@ -184,7 +183,7 @@ def _compiled(
     else:
         in_blocks = _lanes_of(*given, compile_rhs)
     quantities = {}
-    for name, quantity in followed.items():
+    for name, quantity in ({} if is_adaptive else followed).items():
         mine = quantity.function, quantity.callback, layout
         quantities[name] = quantity, _lanes_of(*mine, compile_quantity, quantity.shape)
     looks = []
@@ -193,14 +192,14 @@ def _compiled(
         looking = (compile_event,) if is_adaptive else (compile_watched, int(event.direction), only_ends)
         looks.append(_lanes_of(g.function, g.callback, layout, *looking))
     constrained_step, project = (keeping, None) if has_constrained_step else (None, keeping)
+    observes = bool(looks or followed) or options.t_eval is not None or options.save_every is not None
     if is_adaptive:
-        searches = SEARCHES if looks or options.t_eval is not None else 0
-        kernel = adaptive_kernel(method.variable, layout.form, layout.n, layout.lanes, searches)
+        kernel = adaptive_kernel(method.variable, layout.form, layout.n, layout.lanes, observes)
     else:
         kernel = wide_kernel(method.formulas, FOLLOWS if quantities or looks or project else 0, method.second)
     stops = (stops_kernel(method.formulas, options.method.order, layout.form), compile_caught()) if only_ends else None
     functions = {"kernel": kernel, "rhs": in_blocks, "constrained_step": constrained_step, "project": project}
-    return {**functions, "quantities": quantities, "events": looks, "stops": stops}
+    return {**functions, "quantities": quantities, "events": looks, "observes": observes, "stops": stops}
 
 
 def _unrolled_of(rhs: Any, members: Members) -> tuple[UnrolledConstraints | None, str]:

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from ..functions.guard import GUARD_VALUES
+from ..functions.guard import GUARD_VALUES, are_untouched
 from ..functions.quantities import Functions, Quantity
-from ..kernels.protocol import PARTS, Form, Within
+from ..kernels.protocol import OUT, PARTS, Form, Within
 
 _OFF_PERIOD = (math.sqrt(5) - 1) / 2  # the inverse of the golden ratio, which is far from all simple fractions
 
@@ -24,6 +24,10 @@ def n_invariants(n_steps: int, spacing: float) -> int:
     while due <= n_steps and due < 8 * spacing and spacing > 1:
         count, due = count + 1, due + max(1.0, due / 8)
     return count + max(0, int((n_steps - due) / spacing + 1))
+
+
+#: The places of some arrays in what `Followed.arrays` returns.
+OF_OUT, OF_EXTREMES, OF_STEPS, OF_START = 0, 1, 2, 6
 
 
 class Followed:
@@ -89,6 +93,25 @@ class Followed:
         if not self.quantities:
             self._idle[n] = found
         return found
+
+    def arrays_of_runs(self, n: int, numbers: np.ndarray) -> list[np.ndarray]:
+        """Return these arrays of several runs, from their numbers of shape (runs, k)."""
+        _, places = self._places.get(n) or self._places.setdefault(n, self._placed(n))
+        return [numbers[:, begin:end].reshape(len(numbers), *shape) for begin, end, shape in places]
+
+    def begin_of_start(self, n: int) -> int:
+        """The first of the numbers that are the values at the start."""
+        _, places = self._places.get(n) or self._places.setdefault(n, self._placed(n))
+        return places[OF_START][0]
+
+    def check(self, out: np.ndarray) -> None:
+        """Raise a ValueError if a quantity has written beyond its values in the last axis of an array."""
+        for k in self.writing:
+            begin = int(self.table[k, OUT])
+            end = begin + self.quantities[k].width
+            guards = out[..., begin - GUARD_VALUES : begin], out[..., end : end + GUARD_VALUES]
+            if not all(map(are_untouched, guards)):
+                raise self.quantities[k].written_beyond()
 
     def _placed(self, n: int) -> tuple[int, list[tuple[int, int, tuple[int, ...]]]]:
         """Return the total count of numbers, and the begin, the end and the shape of each array in them."""

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import reals
 from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
-from ..functions.guard import GUARD_VALUES, are_untouched, beyond, guarded
+from ..functions.guard import beyond, guarded
 from ..kernels.loops.zeros import NEAR
 from ..kernels.protocol import (
     COLUMN,
@@ -196,14 +196,7 @@ class Observer:
 
     def check(self) -> None:
         """Raise a ValueError if a quantity has written beyond its values."""
-        for k in self.followed.writing:
-            quantity, begin = self.followed.quantities[k], int(self.followed.table[k, OUT])
-            end = begin + quantity.width
-            if not (
-                are_untouched(self._out[begin - GUARD_VALUES : begin])
-                and are_untouched(self._out[end : end + GUARD_VALUES])
-            ):
-                raise quantity.written_beyond()
+        self.followed.check(self._out)
 
     def collect(self, counters: np.ndarray) -> None:
         """Take the occurrences out of the log."""

@@ -204,6 +204,12 @@ def place_look(look, memory):
     return store_record(memory, look)
 
 
+def at_each_step(follow: Any) -> int:
+    """Return the entry `at_each` of an `Observation`."""
+    count = len(follow.table)
+    return 1 if count > follow.invariants or follow.advance or follow.project else 0 if count else -1
+
+
 @functools.cache
 def placing() -> Any:
     """Compile `place_look`, or load it from the disk."""

@@ -59,6 +59,7 @@ from .observe import (
     OF_OBSERVING,
     Observation,
     Observed,
+    at_each_step,
     calm,
     next_due,
     observation,
@@ -235,10 +236,9 @@ def _observing(compiled: Any, module: str, form: Form, n: int, parts: Collection
     addresses, place = observation(module, form, n, frozenset(parts)), placing()
 
     def observing(callbacks: tuple, state: Any, settings: Any, counters: Any, span: Any, look: Any) -> Any:
-        memory, watch, follow = np.empty(RECORD_SIZE), look.watch, look.follow
-        most_logged, count = len(watch.log) - len(watch.events), len(follow.table)
-        at_each = 1 if count > follow.invariants or follow.advance or follow.project else 0 if count else -1
-        mine = Observation(place(look, memory), most_logged, at_each, *addresses)
+        memory, watch = np.empty(RECORD_SIZE), look.watch
+        most_logged = len(watch.log) - len(watch.events)
+        mine = Observation(place(look, memory), most_logged, at_each_step(look.follow), *addresses)
         return compiled(callbacks, state, mine, counters, span, None)
 
     observing.compiled = compiled  # type: ignore[attr-defined]

@@ -17,6 +17,7 @@ from ..protocol import (
     ENDED_BY,
     EVENT_VALUES,
     EVENTS,
+    FIRST_ROW,
     GAP,
     LOGGED,
     NEXT,
@@ -338,16 +339,16 @@ def take(place, counters, k, t0, t, n, u, v, p):
 
 def write_time(place, counters, t, h, t_end, n, coefficients, u_end, v_end, p):
     """Write the state at the next of `watch.times`, and the values of the outputs there."""
-    look, row = look_at(place), int(counters[NEXT])
-    watch = look.watch
+    look, k = look_at(place), int(counters[NEXT])
+    watch, row = look.watch, int(counters[FIRST_ROW]) + k
     (u,), (v,) = rows(watch.u_rows[row:], 1), rows(watch.v_rows[row:], 1)
-    if watch.times[row] == t_end:
+    if watch.times[k] == t_end:
         for j in range(n):
             u[j], v[j] = u_end[j], v_end[j]
     else:
-        evaluate(coefficients, (watch.times[row] - t) / h, n, u, v)
+        evaluate(coefficients, (watch.times[k] - t) / h, n, u, v)
     watch.h_rows[row] = h
-    EVALUATE(look.follow, look.follow.invariants, watch.times[row], u, v, p)
+    EVALUATE(look.follow, look.follow.invariants, watch.times[k], u, v, p)
     follow.save(look.follow, row)
     counters[NEXT] += 1
 
