@@ -138,7 +138,7 @@ def adaptive(rhs, alone, project, count, span, block, trajectories, seen):
     """Take `count` steps in each lane, or fewer if all trajectories end, or if rows are full. Return their number.
 
     `rhs`, `alone` and `project` are addresses: the right-hand side for lanes and for one trajectory, and the projection
-    for lanes, or 0 without constraints. The parameters of `span` are not used; its rows are those of all trajectories.
+    for lanes, or 0 without constraints. The parameters of `span` are not used, and all trajectories write to its rows.
     """
     s, members, place, atol, t_end = block.values, block.members, block.place, span.atol, span.t_end
     y = ROWS(s)

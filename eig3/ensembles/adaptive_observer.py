@@ -148,8 +148,8 @@ class AdaptiveObserver:
         if self._followed.quantities:
             self._store_quantities(chosen, arrays)
         if histories.options.t_eval is not None:
-            for rows in (histories.steps, histories.u, histories.v, *histories.outputs.values()):
-                rows[numbers[~reached]] = np.nan
+            for states in (histories.steps, histories.u, histories.v, *histories.outputs.values()):
+                states[numbers[~reached]] = np.nan  # type: ignore[index]
             return
         saved = [np.concatenate(parts) for parts in zip(*self._saved, strict=True)]
         order = np.argsort(saved[0], kind="stable")
