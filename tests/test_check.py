@@ -60,12 +60,12 @@ def true_error(system, solution):
     [("eig3", 1000), ("eig3", 1001), ("eig3", 16000), ("rk4", 500), ("rk4", 4000), ("eig9", 4000), ("rk8", 250)],
 )
 def test_the_estimate_is_the_true_error(system, method, steps):
-    """The next term of the series of the error is smaller by about the step: 20 % allow for the coarsest runs."""
+    """The next term of the series of the error is smaller by about the step: 30 % allow for the coarsest runs."""
     solution = run(system, method=method, steps=steps, check=True)
     error = solution.error
     for estimated, true in zip((error.u, error.v), true_error(system, solution), strict=True):
         largest = np.abs(true).max()
-        assert np.abs(estimated - true).max() < 0.2 * largest + 1e-12
+        assert np.abs(estimated - true).max() < 0.3 * largest + 1e-12
     assert error.largest["u"] == pytest.approx(np.abs(error.u).max())
     if error.largest["u"] > 1e-10:
         assert solution.order == pytest.approx(solution.method.order, abs=0.6)
@@ -244,7 +244,9 @@ def test_members_have_the_errors_of_single_runs(options):
     for i, start in enumerate(starts):
         own = {name: x[i] if name == "h" and np.ndim(x) else x for name, x in options.items()}
         single = eig3.integrate(spring, (0, 10), start, 0.0, params=1.0, check=True, **{**every, **own})
-        np.testing.assert_allclose(runs.error[i].u, single.error.u, rtol=0.05, atol=1e-12)
+        # A single run is compared with coarser runs, and the errors between common states are interpolated.
+        near = 0.05 * single.error.largest["u"] + 1e-12
+        np.testing.assert_allclose(runs.error[i].u, single.error.u, rtol=0.05, atol=near)
     true = np.abs(runs.u - starts[:, None] * np.cos(runs.t)).max(axis=1)
     np.testing.assert_allclose(runs.error.largest["u"], true, rtol=0.2)
     if "h" in options:
@@ -293,7 +295,9 @@ def test_every_single_run_can_be_checked():
     runs[-1].check()
     runs[3] = SimpleNamespace(error=runs[3].error[0])
     for each in runs:
-        np.testing.assert_allclose(each.error.u[: len(given.t) - 1], given.error.u[:-1], rtol=1e-3, atol=1e-15)
+        # The ensemble is compared with other steps, and the next term of the series is smaller by about the step.
+        near = {"rtol": 1e-3, "atol": 1e-15} if each is not runs[3] else {"rtol": 0.05, "atol": 1e-11}
+        np.testing.assert_allclose(each.error.u[: len(given.t) - 1], given.error.u[:-1], **near)
 
 
 def test_a_run_that_fails_has_no_error():
@@ -320,7 +324,7 @@ def test_ctrl_c_returns_the_run(monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("eig3.run.fixed_run.FixedRun.companions", interrupted)
+    monkeypatch.setattr("eig3.run.fixed_run.FixedRun.error_of", interrupted)
     with pytest.raises(KeyboardInterrupt) as caught:
         solution.check()
     assert caught.value.solution is solution
@@ -344,9 +348,10 @@ def test_an_exception_in_a_compared_run_keeps_the_run():
         assert np.all(caught.value.solution.success)
 
 
-def test_the_ensemble_names_what_it_was_compared_with():
+def test_runs_and_ensembles_name_what_they_were_compared_with():
     single = eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, h=0.01, save_every=None, check=True)
     runs = eig3.ensemble(spring, (0, 10), np.ones(2), 0.0, params=1.0, h=0.01, check=True)
-    assert runs.error[0].by == single.error.by == "a run with two thirds of the step and a run with twice the step"
+    assert runs.error[0].by == "a run with two thirds of the step and a run with twice the step"
+    assert single.error.by == "a run with twice the step and a run with four times the step"
     loose = eig3.ensemble(spring, (0, 10), np.ones(2), 0.0, params=1.0, rtol=0.1, check=True)
     assert loose.error[0].by == "a run with a tenth of the tolerance"

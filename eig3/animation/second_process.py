@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..ensembles.in_process import cores
+from ..stepping.threads import cores
 
 #: Returns the pixels of frame i.
 Draw = Callable[[int], np.ndarray]

@@ -40,8 +40,8 @@ def run(options: argparse.Namespace) -> None:
 
 def _fill(wanted: list[str]) -> None:
     """Compile the code of some uses, or of all uses, each in a separate process."""
-    from ..ensembles.in_process import cores
     from ..run.progress import Progress
+    from ..stepping.threads import cores
     from .first_uses import USES, compile_use
 
     unknown = [name for name in wanted if name not in USES]

@@ -15,7 +15,6 @@ from ..functions.events import Event
 from ..functions.layout import bound_layout
 from ..functions.named import has_names
 from ..kernels.compile.interrupt import keeping, with_solution
-from ..kernels.compile.numba_internals import Jitted, options_of
 from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.labels import Labels
@@ -24,9 +23,10 @@ from ..run.progress import check_progress
 from ..stepping.march import Cancel
 from ..stepping.observer import check_times
 from ..stepping.run_options import RunOptions, run_options
+from ..stepping.threads import cores, starts_threads
 from .checked import check_members_repeatable, errors_of_members
 from .files import Directory
-from .in_process import Run, at_start, cores
+from .in_process import Run, at_start
 from .members import Members, check_members
 from .named_members import split, with_lengths
 from .parts import Joined, Listed, Recipe, Results, parts_of
@@ -186,9 +186,8 @@ def of_members(rhs: Any, members: Members, options: RunOptions) -> RunOptions:
 
 
 def _refuse_parallel(rhs: Any) -> None:
-    """Refuse a function that starts threads: with some of Numba's threading layers they would end the process."""
-    inner = getattr(getattr(rhs, "py_func", None), "named", rhs)
-    if isinstance(inner, Jitted) and options_of(inner).get("parallel"):
+    """Refuse a function that starts threads."""
+    if starts_threads(rhs):
         raise ValueError(
             "rhs uses threads, but the members already use all threads: compile it without parallel=True, or "
             "give threads=1 to eig3.linear."

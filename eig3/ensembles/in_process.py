@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from queue import Empty, Queue
-from threading import Event as Flag
 from typing import Any
 
 import numpy as np
@@ -22,6 +20,7 @@ from ..stepping.march import Cancel, March
 from ..stepping.observer import further_times
 from ..stepping.run_options import RunOptions
 from ..stepping.team import alone
+from ..stepping.threads import Stop, cores
 from .adaptive import AdaptiveBlock
 from .block import Block
 from .histories import Histories
@@ -33,25 +32,6 @@ from .solution import EnsembleSolution
 _ALONE = 16  # members in a task that runs them one at a time
 _PIECES = 4  # tasks for each thread, with tolerances
 _POLL_SECONDS = 0.05  # between two checks for Ctrl-C
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-class _Stop:
-    """Whether the members should stop: after Ctrl-C, after a cancellation, or because one of them raised an error."""
-
-    def __init__(self, interrupt: DeferredInterrupt, cancel: Cancel | None) -> None:
-        self._own = Flag()
-        self._events: list[Cancel] = [event for event in (self._own, interrupt, cancel) if event is not None]
-
-    def set(self) -> None:
-        self._own.set()
-
-    def is_set(self) -> bool:
-        return any(event.is_set() for event in self._events)
 
 
 class Run:
@@ -105,7 +85,7 @@ class Run:
         try:
             with DeferredInterrupt() as interrupt, Progress(len(self.members), "member", shown=progress) as bar:
                 with alone():
-                    self._march(_Stop(interrupt, cancel), bar)
+                    self._march(Stop(interrupt, cancel), bar)
                 solution = self.solution()
         except BaseException as error:  # raised by rhs, or after Ctrl-C
             with DeferredInterrupt() as again:
@@ -115,7 +95,7 @@ class Run:
             raise
         return solution
 
-    def _march(self, stop: _Stop, bar: Progress) -> None:
+    def _march(self, stop: Stop, bar: Progress) -> None:
         if self.threads > 1 and len(self.work) > 1:
             self._march_in_threads(stop, bar)
             return
@@ -125,7 +105,7 @@ class Run:
             work.run(stop)
             bar.add(len(work))
 
-    def _march_in_threads(self, stop: _Stop, bar: Progress) -> None:
+    def _march_in_threads(self, stop: Stop, bar: Progress) -> None:
         # Waiting for thousands of futures is slow. A `SimpleQueue` may wait for ever after a signal: the rest of # its
         # timeout can then be negative, which means no timeout (CPython 3.11).
         done = Queue[Future]()

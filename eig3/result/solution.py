@@ -172,9 +172,9 @@ class Solution:
 
         Notes
         -----
-        With a fixed step, the run is repeated with two thirds or half of its step, and with twice its step, which shows
-        its order: this takes twice as long as the run, or 2.5 times. With tolerances, it is repeated with a tenth of
-        them and with ten times these.
+        With a fixed step, the run is repeated with twice and four times its step, which takes 0.75 of its time. If
+        these runs do not show the order of the method, it is also repeated with two thirds or half of its step. With
+        tolerances, it is repeated with a tenth of them and with ten times these.
 
         Source: Richardson extrapolation; Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.4.
         """

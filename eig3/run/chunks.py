@@ -18,7 +18,7 @@ from ..functions.evaluation import accelerations
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import EVALUATIONS, ITERATIONS, NEXT, RESTING, TERMINAL, VECTOR
 from ..methods import Method
-from ..result.error_estimate import Companion, ErrorEstimate, estimate
+from ..result.error_estimate import ErrorEstimate
 from ..result.solution import Solution, Status
 from ..result.storage import Place
 from ..stepping.march import Cancel, Rows
@@ -136,8 +136,8 @@ class Run:
         """
         raise NotImplementedError
 
-    def companions(self, solution: Solution, cancel: Cancel | None) -> tuple[Companion, Companion | None]:
-        """Return the run from its start with finer steps, and, if it can be compared, with coarser steps."""
+    def error_of(self, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
+        """Estimate the error of the solution of this run, by runs from its start with other steps."""
         raise NotImplementedError
 
     def state(self) -> dict[str, Any]:
@@ -387,7 +387,7 @@ class Run:
             If the method adds random numbers.
         """
         check_repeatable(self.stepper.method)
-        return estimate(solution, *self.companions(solution, cancel))
+        return self.error_of(solution, cancel)
 
     def _keep(self) -> None:
         """Write the results so far at intervals: they remain if the process is killed."""

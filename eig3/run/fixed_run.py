@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -14,7 +15,7 @@ from ..functions.checks import check_count, check_resolution, check_time
 from ..functions.guard import guarded
 from ..kernels.protocol import FAILED, SCALAR
 from ..methods import EIG
-from ..result.error_estimate import Companion
+from ..result.error_estimate import Companion, ErrorEstimate, clear_estimate, estimate
 from ..result.memory import check_disk, check_history, n_rows
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import Place, going_on
@@ -24,6 +25,7 @@ from ..stepping.observer import check_times, further_times
 from ..stepping.run_options import NEVER
 from ..stepping.stepper import Stepper
 from ..stepping.system import System
+from ..stepping.threads import side_by_side
 from .chunks import Run, carry_out
 from .growth import Growth
 from .history import History
@@ -113,27 +115,33 @@ class FixedRun(Run):
         run.growth = self.growth.extended(n_steps, stepper.index)
         return run.begin(self, stepper.n_wanted if times is not None else stepper.index // run.every + 1)
 
-    def companions(self, solution: Solution, cancel: Cancel | None) -> tuple[Companion, Companion | None]:
+    def error_of(self, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
+        """Compare first with twice and four times the step, which takes less than the run itself."""
+        tasks = (partial(self._companion, solution, steps) for steps in (2, 1))
+        twice, four_times = side_by_side(self.stepper.system, solution.kernel_seconds / 2, *tasks, cancel)
+        if twice and four_times and (error := clear_estimate(solution, twice, four_times)):
+            return error
         two_thirds = self.n_steps % 2 == 0 and (self.times is not None or self.every % 2 == 0)
-        fine = self._companion(solution, 3 if two_thirds else 4, cancel)
+        fine = self._companion(solution, 6 if two_thirds else 8, cancel)
         assert fine
-        return fine, self._companion(solution, 1, cancel)
+        return estimate(solution, fine, twice)
 
     def _companion(self, solution: Solution, steps: int, cancel: Cancel | None) -> Companion | None:
-        """Return the run with `steps` steps in place of two steps; None if no state is at the same time."""
-        stepper, n_steps = self.stepper, self.n_steps * steps // 2
+        """Return the run with `steps` steps in place of four steps; None if no state is at the same time."""
+        stepper, n_steps = self.stepper, self.n_steps * steps // 4
         if not n_steps:
             return None
-        h = stepper.h * 2 / steps
-        every = None if self.save_every is None else stride(self.save_every, self.n_steps) * steps
-        if every is not None and every % 2 == 0:
-            every //= 2  # otherwise the companion saves every second of the states
-        t_end = self.t_end if n_steps * 2 == self.n_steps * steps else stepper.t0 + n_steps * h
+        h = stepper.h * 4 / steps
+        every = None
+        if self.save_every is not None:
+            every = stride(self.save_every, self.n_steps) * steps
+            every //= math.gcd(every, 4)  # with a remainder, the companion does not have all of the states
+        t_end = self.t_end if n_steps * 4 == self.n_steps * steps else stepper.t0 + n_steps * h
         times = None if self.times is None else self.times[self.times <= t_end]
         start = *stepper.start, guarded(stepper.params), times
         other = Stepper.of(stepper.system, stepper.t0, h, *start)
         found = carry_out(FixedRun(other, n_steps, t_end, every, times).begin, cancel, raise_on_failure=False)
-        companion = Companion.at_same_steps(solution, found, 2 / steps)
+        companion = Companion.at_same_steps(solution, found, 4 / steps)
         return companion if len(companion.rows) > 1 else None
 
     def state(self) -> dict[str, Any]:

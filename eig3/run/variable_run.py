@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -13,13 +14,14 @@ from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
-from ..result.error_estimate import Companion
+from ..result.error_estimate import Companion, ErrorEstimate, estimate
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import going_on
 from ..stepping.march import Cancel
 from ..stepping.observer import check_times, further_times
 from ..stepping.run_options import NEVER
 from ..stepping.system import System
+from ..stepping.threads import side_by_side
 from ..stepping.tolerances import LEAST_RTOL, Tolerances
 from ..stepping.variable_stepper import VariableStepper
 from .chunks import Run, Stop, carry_out
@@ -95,10 +97,12 @@ class VariableRun(Run):
         run = VariableRun(stepper, self.every, times, place, progress)
         return run.begin(self, self._rows_kept() if times is None else stepper.n_wanted)
 
-    def companions(self, solution: Solution, cancel: Cancel | None) -> tuple[Companion, Companion | None]:
+    def error_of(self, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
         ratios = companion_ratios(self.stepper.tolerances)
-        fine, *coarse = (self._companion(solution, ratio, cancel) for ratio in ratios)
-        return fine, coarse[0] if coarse else None
+        tasks = [partial(self._companion, solution, ratio) for ratio in ratios]
+        if len(tasks) == 1:
+            return estimate(solution, tasks[0](cancel), None)
+        return estimate(solution, *side_by_side(self.stepper.system, solution.kernel_seconds, *tasks, cancel))
 
     def _companion(self, solution: Solution, ratio: float, cancel: Cancel | None) -> Companion:
         """Return the run with other tolerances."""
