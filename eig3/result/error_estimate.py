@@ -2,8 +2,8 @@
 
 If the error of u is e for the steps h, it is about e r^p for the steps r h, with the order p. The run differs by
 e (1 - r^p) from a finer run, and by e (c^p - 1) from a coarser run with the steps c h: the ratio of the two differences
-gives p, and then the difference from the finer run gives e. Two coarser runs do the same in less time, if p is the order
-of the method. With tolerances, the ratio is the factor by which a tolerance ten times smaller divides the error.
+gives p, and then the difference from the finer run gives e. Two coarser runs take less time, and give e too if p is
+the order of the method. With tolerances, the ratio is the factor by which a tolerance ten times smaller divides the error.
 """
 
 from __future__ import annotations
@@ -131,6 +131,8 @@ class Companion:
             return cls(other, ratio, rows, rows, other.u, other.v, is_fixed=True)
         between = solution.t[min(1, len(solution.t) - 1)] - solution.t[0] or 1.0  # equal, but for the last state
         rows = np.minimum(np.rint((other.t - solution.t[0]) / between).astype(np.intp), len(solution.t) - 1)
+        if (np.abs(other.t - solution.t[rows]) > least).any():  # not with equal distances, as with t_eval
+            rows = np.minimum(np.searchsorted(solution.t, other.t - least), len(solution.t) - 1)
         own = np.flatnonzero(np.abs(other.t - solution.t[rows]) <= least)
         if len(own) < len(rows):
             return cls(other, ratio, rows[own], own, other.u[own], other.v[own], is_fixed=True)

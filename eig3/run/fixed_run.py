@@ -117,8 +117,8 @@ class FixedRun(Run):
 
     def error_of(self, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
         """Compare first with twice and four times the step, which takes less than the run itself."""
-        tasks = (partial(self._companion, solution, steps) for steps in (2, 1))
-        twice, four_times = side_by_side(self.stepper.system, solution.kernel_seconds / 2, *tasks, cancel)
+        tasks = partial(self._companion, solution, 2), partial(self._companion, solution, 1)
+        twice, four_times = side_by_side(*tasks, self.stepper.system, solution.kernel_seconds / 2, cancel)
         if twice and four_times and (error := clear_estimate(solution, twice, four_times)):
             return error
         two_thirds = self.n_steps % 2 == 0 and (self.times is not None or self.every % 2 == 0)

@@ -98,11 +98,13 @@ class VariableRun(Run):
         return run.begin(self, self._rows_kept() if times is None else stepper.n_wanted)
 
     def error_of(self, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
-        ratios = companion_ratios(self.stepper.tolerances)
-        tasks = [partial(self._companion, solution, ratio) for ratio in ratios]
-        if len(tasks) == 1:
-            return estimate(solution, tasks[0](cancel), None)
-        return estimate(solution, *side_by_side(self.stepper.system, solution.kernel_seconds, *tasks, cancel))
+        fine, *coarse = (
+            partial(self._companion, solution, ratio) for ratio in companion_ratios(self.stepper.tolerances)
+        )
+        if not coarse:
+            return estimate(solution, fine(cancel), None)
+        both = side_by_side(fine, coarse[0], self.stepper.system, solution.kernel_seconds, cancel)
+        return estimate(solution, *both)
 
     def _companion(self, solution: Solution, ratio: float, cancel: Cancel | None) -> Companion:
         """Return the run with other tolerances."""

@@ -12,7 +12,7 @@ from ..kernels.compile.numba_internals import Jitted, options_of
 from .march import Cancel
 from .system import System
 
-_WORTH = 2e-3  # seconds of a run from which on a second thread pays
+_WORTH = 2e-3  # seconds of a run from which on a second thread saves time
 
 
 def cores() -> int:
@@ -41,7 +41,7 @@ class Stop:
 
 
 def side_by_side(
-    system: System, seconds: float, first: Callable[[Any], Any], second: Callable[[Any], Any], cancel: Cancel | None
+    first: Callable[[Any], Any], second: Callable[[Any], Any], system: System, seconds: float, cancel: Cancel | None
 ) -> tuple[Any, Any]:
     """Return first(cancel) and second(cancel), which run a system.
 
