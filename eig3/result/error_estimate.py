@@ -2,8 +2,8 @@
 
 If the error of u is e for the steps h, it is about e r^p for the steps r h, with the order p. The run differs by
 e (1 - r^p) from a finer run, and by e (c^p - 1) from a coarser run with the steps c h: the ratio of the two differences
-gives p, and then the difference from the finer run gives e. Two coarser runs take less time, and give e too if p is
-the order of the method. With tolerances, the ratio is the factor by which a tolerance ten times smaller divides the error.
+gives p, and then the difference from the finer run gives e. Two coarser runs take less time, and give e if p is the
+order of the method. With tolerances, the ratio is the factor by which a tolerance ten times smaller divides the error.
 """
 
 from __future__ import annotations

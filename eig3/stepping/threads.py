@@ -12,7 +12,7 @@ from ..kernels.compile.numba_internals import Jitted, options_of
 from .march import Cancel
 from .system import System
 
-_WORTH = 2e-3  # seconds of a run from which on a second thread saves time
+_WORTH = 2e-3  # seconds; a second thread saves no time in shorter runs
 
 
 def cores() -> int:
