@@ -13,6 +13,7 @@ BENCHMARKS = (
     "stability",
     "family",
     "hard",
+    "trust",
     "scenes",
     "ensemble",
     "report",
