@@ -205,7 +205,10 @@ def _solutions(problem: Problem, h: float) -> Iterator[Solution]:
             continue
         n_steps = 2 * _STATES * max(1, math.ceil(span / h / (2 * _STATES)))
         while True:
-            solution = problem.integrate(h=span / n_steps, method=name, save_every=n_steps // _STATES)
+            try:
+                solution = problem.integrate(h=span / n_steps, method=name, save_every=n_steps // _STATES)
+            except ValueError:  # the method does not support constraints
+                break
             if solution.success:
                 yield solution
             if solution.kernel_seconds * _REFINED > _LONGEST:

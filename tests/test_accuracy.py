@@ -6,6 +6,7 @@ import pytest
 import eig3
 from eig3 import Status, problems
 from eig3.cli import main
+from eig3.ensembles.in_process import Run as InProcess
 from eig3.run import accuracy as module
 
 from .conftest import position, spring
@@ -19,6 +20,19 @@ def energy(t, u, v, p):
 @eig3.jit
 def falling(t, u, v, p):
     return u
+
+
+@eig3.jit
+def hardening(t, u, v, p):
+    return -u - u * u * u
+
+
+@eig3.jit
+def falling_away(t, u, v, p):
+    return u * u * u  # singular at a finite time for large u
+
+
+STARTS = np.linspace(1.0, 3.0, 20)
 
 
 def run(**options):
@@ -161,3 +175,72 @@ def test_command(capsys):
     assert "error of u at most" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["run", "spring_pendulum", "--accuracy", "1e-5", "--h", "0.1"])
+
+
+# Ensembles -----------------------------------------------------------------------------------------------------------
+
+
+def ensemble(rhs=spring, u0=STARTS, t_end=20, **options):
+    return eig3.ensemble(rhs, (0, t_end), u0, 0.0, params=1.0, **options)
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-8])
+@pytest.mark.parametrize("options", [{}, {"t_eval": np.linspace(0, 20, 9)}], ids=["ends", "times"])
+def test_every_member_has_the_accuracy(accuracy, options):
+    solution = ensemble(accuracy=accuracy, **options)
+    assert solution.success.all()
+    error = np.abs(solution.u - STARTS[:, None] * np.cos(solution.t)).max(axis=1)
+    assert (error < 1.2 * accuracy * np.abs(solution.u).max(axis=1)).all()
+    assert (solution.error.largest["u"] <= accuracy * np.abs(solution.u).max(axis=1)).all()
+
+
+def test_a_later_ensemble_begins_with_what_was_learned(monkeypatch):
+    runs = []
+    march = InProcess.march
+    monkeypatch.setattr(InProcess, "march", lambda self, *_, **__: runs.append(1) or march(self))
+    first = ensemble(rhs=hardening, t_end=2000, accuracy=1e-6)
+    count = len(runs)
+    later = ensemble(rhs=hardening, t_end=2000, accuracy=1e-6)
+    assert (count > 3, len(runs) - count) == (True, 3)  # the run, and those with other tolerances
+    np.testing.assert_array_equal(later.u, first.u)
+
+
+def test_members_that_miss_the_accuracy_say_why():
+    """The members with large starts are chaotic: no digit of them is right at the end."""
+    pendulum = problems.double_pendulum(t_end=100.0)
+    starts = np.linspace(0.05, 1.2, 16)[:, None] * np.asarray(pendulum.u0)
+    solution = pendulum.ensemble(u0=starts, accuracy=1e-9)
+    missed = solution.status == Status.ACCURACY_NOT_REACHED
+    assert 0 < missed.sum() < 16
+    assert (solution.success == ~missed).all()
+    assert "The accuracy is not reached" in solution.message[np.argmax(missed)]
+
+
+def test_a_member_that_fails_does_not_stop_the_others():
+    solution = ensemble(rhs=falling_away, u0=np.linspace(0.0, 2.0, 20), accuracy=1e-6)
+    assert {status.name for status in solution.status} == {"COMPLETED", "STEP_TOO_SMALL"}
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"h": 0.1}, "accuracy and h exclude each other"),
+        ({"rtol": 1e-3}, "accuracy and rtol exclude each other"),
+        ({"method": "eig3"}, "needs a method with tolerances"),
+        ({"save_to": "x"}, "check, or accuracy, and save_to exclude each other"),
+        ({"reduce": len}, "check, or accuracy, and reduce exclude each other"),
+        ({"accuracy": {"w": 1e-3}}, "accuracy has no w: did you mean"),
+        ({"accuracy": 2.0}, "between 0 and 1"),
+        ({"accuracy": None, "scale": 2.0}, "scale belongs to accuracy"),
+    ],
+)
+def test_bad_arguments_of_an_ensemble(given, words):
+    with pytest.raises(ValueError, match=words):
+        ensemble(**{"accuracy": 1e-3, **given})
+
+
+def test_time_is_the_reason_in_an_ensemble():
+    solution = ensemble(rhs=hardening, t_end=2000, accuracy=1e-7, max_seconds=1e-6)
+    assert (solution.status == Status.ACCURACY_NOT_REACHED).any()
+    missed = np.argmax(solution.status == Status.ACCURACY_NOT_REACHED)
+    assert "the next run would exceed max_seconds" in solution.message[missed]

@@ -100,7 +100,9 @@ def check_members_repeatable(options: RunOptions, **given: Any) -> None:
     check_repeatable(options.method)
     for name, value in given.items():
         if value is not None:
-            raise ValueError(f"check and {name} exclude each other: check compares the states of the whole ensemble.")
+            raise ValueError(
+                f"check, or accuracy, and {name} exclude each other: the states of all members are compared."
+            )
 
 
 def _finer(members: Members, options: RunOptions) -> int:

@@ -85,8 +85,8 @@ class EnsembleSolution:
     n_invariants : ndarray of int, shape (m,)
         The number of steps of each member after which its invariants were evaluated: see `Solution`.
     steps : ndarray, shape (m, s), or None
-        With tolerances, the length of the step that led to each saved state, or that contains its time; NaN for a
-        member that ran in lanes.
+        With tolerances, the length of the step that led to each saved state, or that contains its time; NaN for the
+        end of a member that ran in lanes in which nothing was observed.
     notes : tuple of str
         Sentences that the user should read, such as that rhs could not be vectorised.
     labels : Labels or None

@@ -19,16 +19,16 @@ from ..stepping.tolerances import LEAST_RTOL
 from .chunks import IntegrationError
 from .prepare import Prepared
 
-_AIM = 0.5  # the next run aims at this fraction of the accuracy
+AIM = 0.5  # the next run aims at this fraction of the accuracy
 _FIRST_RTOL = 0.1  # of the accuracy; the error of a whole run is larger than the error of a step
 _LARGEST_RTOL = 1e-2
 _STEPS = 1000  # of the first run of a method with a fixed step
-_MOST_RUNS = 12
-_LEAST_GAIN = 0.7  # a refined run whose error is a larger fraction of the best error does not converge,
-_MOST_STALLED = 2  # and after this number of such runs the search ends
-_LARGEST_CHANGE = 1e-4  # least factor from one step, or tolerance, to the next
+MOST_RUNS = 12
+LEAST_GAIN = 0.7  # a refined run whose error is a larger fraction of the best error does not converge,
+MOST_STALLED = 2  # and after this number of such runs the search ends
+LARGEST_CHANGE = 1e-4  # least factor from one step, or tolerance, to the next
 _SHORTEN = 0.25  # factor to a step that was unstable
-_WITH_TOLERANCES = RK5, RK8, RKN12  # other methods take a fixed step
+WITH_TOLERANCES = RK5, RK8, RKN12  # other methods take a fixed step
 
 #: The h or rtol with which a function reached an accuracy, by the method and the accuracy.
 _learned: WeakKeyDictionary[Any, dict[Any, float]] = WeakKeyDictionary()
@@ -111,6 +111,13 @@ def refuse_without_accuracy(**given: Any) -> None:
             raise ValueError(f"{name} belongs to accuracy: give accuracy too, or leave out {name}.")
 
 
+def refuse_steps(**options: Any) -> None:
+    """Refuse options that fix the step."""
+    for name in ("h", "rtol", "atol", "first_step", "max_steps"):
+        if options.get(name) is not None:
+            raise ValueError(f"accuracy and {name} exclude each other: accuracy chooses the step.")
+
+
 def reach(
     goal: Goal,
     rhs: Any,
@@ -137,21 +144,19 @@ def reach(
     ValueError
         If an option fixes the step, the run writes files, or the accuracy has a name that is not known.
     """
-    for name in ("h", "rtol", "atol", "first_step", "max_steps"):
-        if options.get(name) is not None:
-            raise ValueError(f"accuracy and {name} exclude each other: accuracy chooses the step.")
+    refuse_steps(**options)
     if of_call.get("save_to") is not None:
         raise ValueError("accuracy and save_to exclude each other: several runs may be needed; save the solution.")
     method = None if options.get("method") is None else check_method(options["method"])
-    knob = "rtol" if method is None or isinstance(method, _WITH_TOLERANCES) else "h"
+    knob = "rtol" if method is None or isinstance(method, WITH_TOLERANCES) else "h"
     first, raises = dict(of_call), bool(of_call.get("raise_on_failure"))
     first |= {"check": True, "raise_on_failure": False}
     key = (method, *sorted(goal.wanted.items()), goal.scale)
-    known, search = _learned.setdefault(rhs, {}), _Search(goal, knob)
+    known, search = learned(rhs), _Search(goal, knob)
     value = known.get(key) or search.first(start[0])
     while True:
         prepared = prepare(**{**options, knob: value})
-        _check_names(goal, prepared.options)
+        check_accuracy_names(goal, prepared.options)
         solution = prepared(*start, **first)
         following = search.after(solution, value)
         if following is None:
@@ -166,7 +171,17 @@ def reach(
     return solution
 
 
-def _check_names(goal: Goal, options: RunOptions) -> None:
+def learned(rhs: Any) -> dict[Any, float]:
+    """Return the steps, or tolerances, with which the runs of a function reached an accuracy."""
+    return _learned.setdefault(rhs, {})
+
+
+def first_rtol(goal: Goal) -> float:
+    """Return the tolerance of the first run."""
+    return max(LEAST_RTOL, min(_LARGEST_RTOL, _FIRST_RTOL * min(goal.wanted.values())))
+
+
+def check_accuracy_names(goal: Goal, options: RunOptions) -> None:
     """Refuse names of quantities whose error the run does not have."""
     at_states = {*options.functions.outputs, *options.quadratures}
     known = {"u", "v", "drift", *at_states, *options.events}
@@ -183,7 +198,7 @@ class _Search:
     def __init__(self, goal: Goal, knob: str) -> None:
         self.goal, self.knob = goal, knob
         self.runs: list[tuple[float, Solution]] = []  # each error as a multiple of the wanted error, and the run
-        self.reached, self._reason = False, f"{_MOST_RUNS} runs were not enough"
+        self.reached, self._reason = False, f"{MOST_RUNS} runs were not enough"
         self._count, self._stalled, self._begin = 0, 0, time.perf_counter()
         self._before = self._begin
 
@@ -192,7 +207,7 @@ class _Search:
         if self.knob == "h":
             t0, t1 = check_span(span)
             return (t1 - t0) / _STEPS
-        return max(LEAST_RTOL, min(_LARGEST_RTOL, _FIRST_RTOL * min(self.goal.wanted.values())))
+        return first_rtol(self.goal)
 
     def after(self, solution: Solution, value: float) -> float | None:
         """Return the step, or the tolerance, of the next run; None if there is none."""
@@ -203,17 +218,17 @@ class _Search:
             return value * _SHORTEN if is_unstable and self._may_run(seconds / _SHORTEN) else None
         miss = max(self.goal.misses(solution).values())
         self.reached = miss <= 1
-        if self.runs and miss > _LEAST_GAIN * min(self.runs, key=_miss)[0]:
+        if self.runs and miss > LEAST_GAIN * min(self.runs, key=_miss)[0]:
             self._stalled += 1
         self.runs.append((miss, solution))
         least = LEAST_RTOL if self.knob == "rtol" else 0.0
         if self.reached:
             return None
-        if self._stalled >= _MOST_STALLED or value <= least:
-            self._reason = _why(solution)
+        if self._stalled >= MOST_STALLED or value <= least:
+            self._reason = why(solution.error)
             return None
         order = 1.0 if self.knob == "rtol" else max(1.0, solution.order or solution.method.order)
-        factor = min(0.5, max(_LARGEST_CHANGE, (_AIM / miss) ** (1 / order)))
+        factor = min(0.5, max(LARGEST_CHANGE, (AIM / miss) ** (1 / order)))
         return max(least, value * factor) if self._may_run(seconds / (factor if self.knob == "h" else 1.0)) else None
 
     def _may_run(self, seconds: float) -> bool:
@@ -221,7 +236,7 @@ class _Search:
         if time.perf_counter() - self._begin + seconds > self.goal.max_seconds:
             self._reason = f"the next run would exceed max_seconds = {self.goal.max_seconds:g}"
             return False
-        return self._count < _MOST_RUNS
+        return self._count < MOST_RUNS
 
     def best(self) -> Solution:
         """Return the run with the smallest error, with the reason why the accuracy is not reached."""
@@ -241,8 +256,8 @@ def _miss(run: tuple[float, Solution]) -> float:
     return run[0]
 
 
-def _why(solution: Solution) -> str:
-    """Return the reason why a shorter step does not help."""
-    if solution.reliable_until is not None:
-        return f"no digit of u is right after t = {solution.reliable_until:.4g}, as in a chaotic motion"
+def why(error: Any) -> str:
+    """Return the reason why a shorter step does not help, from the estimated errors."""
+    if error.reliable_until is not None:
+        return f"no digit of u is right after t = {error.reliable_until:.4g}, as in a chaotic motion"
     return "round-off, or kinks of the motion, limit the error"

@@ -1,0 +1,100 @@
+"""Run an ensemble to an accuracy: repeat it with smaller tolerances until the error of each member is small enough."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..functions.checks import check_method, shown
+from ..result.solution import Status
+from ..run.accuracy import (
+    AIM,
+    LARGEST_CHANGE,
+    LEAST_GAIN,
+    MOST_RUNS,
+    MOST_STALLED,
+    WITH_TOLERANCES,
+    Goal,
+    check_accuracy_names,
+    first_rtol,
+    learned,
+    why,
+)
+from ..stepping.run_options import RunOptions
+from ..stepping.tolerances import LEAST_RTOL
+from .solution import EnsembleSolution
+
+
+def check_members_method(method: Any) -> Any:
+    """Refuse a method with a fixed step."""
+    if method is None or isinstance(check_method(method), WITH_TOLERANCES):
+        return method
+    raise ValueError(f"accuracy of an ensemble needs a method with tolerances: RK5, RK8 or RKN12, not {shown(method)}.")
+
+
+def reach_members(
+    goal: Goal, rhs: Any, options: RunOptions, run: Callable[[RunOptions], EnsembleSolution]
+) -> EnsembleSolution:
+    """Return the first run in which all members reach an accuracy, or the best run.
+
+    In the best run, a member that does not reach it has the status ACCURACY_NOT_REACHED.
+
+    Parameters
+    ----------
+    goal : Goal
+    rhs : jitted function
+    options : RunOptions
+        With tolerances.
+    run : callable
+        ``run(options)`` runs the ensemble with the check of errors.
+    """
+    check_accuracy_names(goal, options)
+    assert options.tolerances
+    known, key = learned(rhs), ("ensemble", options.method, *sorted(goal.wanted.items()), goal.scale)
+    begin, rtol = time.perf_counter(), known.get(key) or first_rtol(goal)
+    best: tuple[tuple[int, float], EnsembleSolution, np.ndarray] | None = None
+    stalled, reason = 0, f"{MOST_RUNS} runs were not enough"
+    for _ in range(MOST_RUNS):
+        started = time.perf_counter()
+        solution = run(options._replace(tolerances=options.tolerances._replace(rtol=rtol)))
+        misses = _misses(goal, solution)
+        missing = misses[misses > 1]
+        if not len(missing):
+            known[key] = rtol
+            return solution
+        rank = len(missing), float(np.median(missing))
+        is_better = best is None or rank[0] < best[0][0] or rank[1] < LEAST_GAIN * best[0][1]
+        stalled += not is_better
+        best = (rank, solution, misses) if best is None or rank < best[0] else best
+        now = time.perf_counter()
+        if stalled >= MOST_STALLED or rtol <= LEAST_RTOL:
+            reason = ""
+            break
+        if 2 * now - started - begin > goal.max_seconds:
+            reason = f"the next run would exceed max_seconds = {goal.max_seconds:g}"
+            break
+        rtol = max(LEAST_RTOL, rtol * min(0.5, max(LARGEST_CHANGE, AIM / rank[1])))
+    assert best
+    _, solution, misses = best
+    for i in np.flatnonzero(misses > 1).tolist():
+        error = solution.error[i]
+        solution.status[i] = Status.ACCURACY_NOT_REACHED
+        solution.message[i] = (
+            f"The accuracy is not reached, because {reason or why(error)}: the estimated error is {misses[i]:.2g} "
+            "times as large."
+        )
+    return solution
+
+
+def _misses(goal: Goal, solution: EnsembleSolution) -> np.ndarray:
+    """Return the largest error of each member as a multiple of the wanted error; NaN for members that failed."""
+    found = np.full(len(solution), np.nan)
+    for i, error in enumerate(solution.error):
+        if error is not None:
+            member = solution[i]
+            member.error = error
+            found[i] = max(goal.misses(member).values())
+    return found
