@@ -106,7 +106,8 @@ def benchmark(
     write: Callable[[str], None] = print,
 ) -> list[Checked]:
     """Print the tables; with `out`, write them and a picture there. Return the runs."""
-    of_set, found = PROBLEM_SET | VARIABLE_SPEED, []
+    of_set = PROBLEM_SET | VARIABLE_SPEED
+    found: list[Checked] = []
     names = choose(only, [*of_set, *FURTHER], "--problem")
     for name in names:
         if name in FURTHER:
@@ -265,7 +266,7 @@ def _costs(name: str, problem: Problem, repeats: int) -> Iterator[list[str]]:
         def first(accuracy: float = accuracy, others: Iterator[int] = others) -> Solution:
             return problem.integrate(accuracy=accuracy * (1 - 1e-6 * next(others)))
 
-        calls = {
+        calls: dict[str, Callable[[], Any]] = {
             "by hand": partial(problem.integrate, rtol=rtol, method=method),
             "first": first,
             "later": partial(problem.integrate, accuracy=accuracy),

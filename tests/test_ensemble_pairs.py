@@ -152,11 +152,14 @@ def test_a_pair_of_options(names, steps, executor, tmp_path):
 
 
 def test_the_number_of_pairs_stays():
-    """A new option of `ensemble` belongs into this file: the signature has these and the arguments of a start."""
+    """A new option of `ensemble` belongs into this file: the signature has these and the arguments of a start.
+
+    An accuracy takes the place of rtol: tests/test_accuracy.py has it.
+    """
     import inspect
 
     taken = {"rhs", "t_span", "u0", "v0", "params", "h", "rtol", "atol", "method", "quadratures", "labels", "refused"}
-    named = {*OF_RUNS, *OF_ENSEMBLES, "events"}
+    named = {*OF_RUNS, *OF_ENSEMBLES, "events", "accuracy", "scale", "max_seconds"}
     assert {*inspect.signature(eig3.ensemble).parameters} == taken | named
 
 

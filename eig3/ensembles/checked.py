@@ -95,14 +95,12 @@ def errors_of_members(
     return MemberErrors(solution, found)
 
 
-def check_members_repeatable(options: RunOptions, **given: Any) -> None:
-    """Refuse an ensemble that cannot be repeated here."""
+def check_members_repeatable(options: RunOptions, what: str, **given: Any) -> None:
+    """Refuse an ensemble that cannot be repeated here; `what` is the argument that needs this."""
     check_repeatable(options.method)
     for name, value in given.items():
         if value is not None:
-            raise ValueError(
-                f"check, or accuracy, and {name} exclude each other: the states of all members are compared."
-            )
+            raise ValueError(f"{what} and {name} exclude each other: {what} compares the states of the whole ensemble.")
 
 
 def _finer(members: Members, options: RunOptions) -> int:
