@@ -96,10 +96,8 @@ def ensemble(
         The parameters. rhs gets the parameters of a member as p, of shape (k,). A named array whose first axis has the
         length m has a value for each member; it is refused if rhs could take it as a whole.
     rtol, atol, method, save_every, t_eval, events, invariants, outputs, invariants_every : optional
-    h_max, first_step, max_steps, check, progress, cancel : optional
+    h_max, first_step, max_steps, check, accuracy, scale, max_seconds, progress, cancel : optional
         As for `eig3.integrate`. By default only the first and the last state are saved.
-    accuracy, scale, max_seconds : optional
-        In place of h or rtol, as for `eig3.integrate`: all members have the same tolerance.
     threads : int
         Number of threads; by default all cores that the process may use.
     executor : concurrent.futures.Executor
