@@ -33,7 +33,7 @@ _ELSEWHERE = {
     "field": "g gravity",
     "first_step": "h0",
     "friction": "mu xmu coeff_friction coefficient",
-    "h": "dt timestep step step_size dt_max",
+    "h": "dt timestep time_step delta_t step step_size dt_max",
     "h_max": "max_step dt_max",
     "gamma": "friction damp",
     "inertia": "moment moment_of_inertia J diaginertia",

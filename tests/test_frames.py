@@ -13,6 +13,11 @@ from eig3.scene import Scene
 from .conftest import coupled, oscillator, position
 
 
+@eig3.jit
+def first_abscissa(t, u, v, p):
+    return u[0]
+
+
 def scene_run():
     """Two masses in a plane with a damper, so that the work is followed."""
     scene = Scene(dimension=2)
@@ -179,3 +184,18 @@ def test_a_summary_without_names_numbers_the_parameters():
     assert list(table["p[1]"]) == [0.1, 0.2]
     table = eig3.ensemble(coupled, (0, 1), [[1.0, 0, 0], [2.0, 0, 0]], np.zeros(3), params=[1.0, 2, 3], h=0.1).summary()
     assert list(table.columns) == ["status", "h", "n_steps", "n_rhs", "t", "u0", "u1", "u2", "v0", "v1", "v2"]
+
+
+def test_the_occurrences_of_an_event_as_a_table():
+    """Columns have the names of a solution's table; a scalar form has one degree of freedom."""
+    ball = eig3.problems.bouncing_ball()
+    table = ball.integrate(h=1e-3).events["impact"].to_pandas()
+    assert list(table.columns) == ["t", "u0", "v0", "u0_after", "v0_after"]
+    np.testing.assert_allclose(table.v0_after, -ball.params[1] * table.v0, rtol=1e-12)
+    planets = eig3.problems.figure_eight()
+    options = {"events": {"meets": eig3.Event(first_abscissa)}, "rtol": 1e-6}
+    one = planets.integrate(**options).events["meets"].to_pandas()
+    assert one.shape[1] == 1 + 4 * 6
+    both = planets.ensemble(u0=np.stack([planets.u0, planets.u0]), **options).events["meets"].to_pandas()
+    assert both.member.tolist() == [0] * len(one) + [1] * len(one)
+    np.testing.assert_allclose(both.t[: len(one)], one.t)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ..functions.events import Occurrences
+from ..functions.events import Occurrences, table_of
 
 _STATES = "u", "v", "u_after", "v_after"
 
@@ -57,6 +58,10 @@ class MemberOccurrences:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame` with a row for each occurrence: its member, its time, and the states."""
+        return table_of({"member": self.member, "t": self.t}, self)
 
     def of_member(self, i: int) -> Occurrences:
         """Return the occurrences in member i."""

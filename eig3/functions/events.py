@@ -99,6 +99,29 @@ class Occurrences:
         some = changed if changed.ndim == 1 else changed.any(axis=1)
         return Occurrences(*(x[some] for x in (self.t, self.u, self.v, self.u_after, self.v_after)))
 
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame` with a row for each occurrence: its time, and the states before and after."""
+        return table_of({"t": self.t}, self)
+
+
+def table_of(columns: dict[str, np.ndarray], found: Any) -> Any:
+    """Return a `pandas.DataFrame` with some columns and the states of occurrences.
+
+    Raises
+    ------
+    ImportError
+        If pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError:
+        raise ImportError("to_pandas needs pandas: pip install 'eig3[pandas]'.") from None
+    for after in ("", "_after"):
+        for letter in "uv":
+            values = getattr(found, letter + after)
+            columns |= {f"{letter}{j}{after}": x for j, x in enumerate(np.atleast_2d(values.T))}
+    return pandas.DataFrame(columns)
+
 
 def check_events(events: Any) -> dict[str, Event]:
     """Return the events by name, in a dictionary that the caller cannot change."""
