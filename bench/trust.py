@@ -121,7 +121,7 @@ def benchmark(
     timed = [name for name in names if name in of_set and of_set[name].tolerances and name not in _KINKED]
     costs = [row for name in timed for row in _costs(name, of_set[name].build(), repeats)]
     text.status("")
-    page = [f"# Can the error be trusted?\n\n{verdict(found)}", render(found)]
+    page = [verdict(found), render(found)]
     page += [f"## What accuracy= costs\n\n{_COSTS}", text.table(_COST_HEADER, costs)] if costs else []
     for part in page:
         write(part + "\n")
@@ -129,7 +129,7 @@ def benchmark(
         files = Files(out, "eig3 bench")
         note = pictures.draw({PICTURE: lambda: picture(found)}, files)
         with files.writing("trust.md") as path:
-            path.write_text("\n\n".join(page) + "\n")
+            path.write_text("\n\n".join(["# Can the error be trusted?", *page]) + "\n")
         files.finish(write, note)
     return found
 

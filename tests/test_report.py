@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 import eig3
 from eig3 import problems
-from eig3.bench import hard, loops, paper, precision, report, rivals, stability, sweep
+from eig3.bench import hard, loops, paper, precision, report, rivals, stability, sweep, trust
 from eig3.bench.article import TABLES
 from eig3.bench.hard_cases import HARD_CASES
 from eig3.bench.plan import Outcome
@@ -176,6 +176,11 @@ def test_everything_is_on_the_page(tmp_path, monkeypatch):
     monkeypatch.setattr(paper, "TABLES", [table for table in TABLES if table.number == 4])
     monkeypatch.setattr(paper, "steps_of", lambda table, quick: table.steps[:2])
     monkeypatch.setattr(hard, "HARD_CASES", {1: HARD_CASES[1]})
+    monkeypatch.setattr(trust, "PROBLEM_SET", {"kepler": SHORT["kepler"]})
+    monkeypatch.setattr(trust, "VARIABLE_SPEED", {})
+    monkeypatch.setattr(trust, "FURTHER", {})
+    monkeypatch.setattr(trust, "FIXED", ("eig3",))
+    monkeypatch.setattr(trust, "ACCURACIES", (1e-3,))
     for name, nothing in (("UNDAMPED", ()), ("DAMPED", ()), ("GROWING", {}), ("weakly_growing", dict)):
         monkeypatch.setattr(stability, name, nothing)
     words = [
@@ -196,11 +201,18 @@ def test_everything_is_on_the_page(tmp_path, monkeypatch):
     assert record.missing == []
     assert [result.name for result in record.results] == ["kepler"]
     assert record.results[0].of("scipy rk45")
-    assert list(record.texts) == ["c", "stability", "hard"]
+    assert list(record.texts) == ["c", "stability", "hard", "trust"]
     assert [table.table.number for table in record.article] == [4]
     assert all(len(seconds) == 2 for columns in record.timings.values() for seconds in columns.values())
     markdown, page = ((tmp_path / f"report.{end}").read_text() for end in ("md", "html"))
-    for heading in ("How to read it", "The article's tables and claims", "Beside C", "Stability limits", "Hard cases"):
+    for heading in (
+        "How to read it",
+        "The article's tables and claims",
+        "Beside C",
+        "Stability limits",
+        "Hard cases",
+        "Can the error",
+    ):
         assert f"## {heading}" in markdown
     assert record.command in page
     for part in record.run.parts:

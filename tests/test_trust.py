@@ -1,8 +1,12 @@
 """`eig3 bench trust`: its runs, its table, its picture, and what it says about estimates."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
+import eig3
+from eig3 import problems
 from eig3.bench import trust
 from eig3.cli import main
 
@@ -51,3 +55,51 @@ def test_chaos_says_from_when_on_no_digit_is_right():
     low = [x for x in found if x.ratio < trust.TENTH and not x.is_noted]
     assert not low
     assert np.median([x.ratio for x in found]) == pytest.approx(1.0, abs=0.2)
+
+
+@eig3.jit
+def satellite(t, u, v, p, a):
+    pull = -p[0] * (u[0] ** 2 + u[1] ** 2) ** -1.5
+    a[0], a[1] = pull * u[0], pull * u[1]
+
+
+@eig3.jit
+def apsis(t, u, v, p):
+    return u[0] * v[0] + u[1] * v[1]
+
+
+@eig3.jit
+def isolated(t, u, v, p, a):
+    """A building on an isolator by Bouc and Wen, whose variable z is the velocity of another degree of freedom."""
+    z = v[1]
+    a[0] = -3.0 * np.sin(6.0 * t) * np.exp(-0.1 * t) - 0.08 * v[0] - 4.0 * u[0] - 5.0 * z
+    a[1] = 100 * (v[0] - 0.5 * abs(v[0]) * z * abs(z) - 0.5 * v[0] * z * z)
+
+
+def assert_accurate(accuracy, solve, *, within=2.0):
+    solution = solve(accuracy=accuracy)
+    true = solve(rtol=1e-12, method="rk8", t_eval=solution.t)
+    assert solution.success
+    assert np.abs(solution.u - true.u).max() <= within * accuracy * np.abs(true.u).max()
+    return solution
+
+
+def test_a_frame_under_a_record_has_the_accuracy():
+    assert_accurate(1e-4, problems.ten_storey_frame().integrate)
+
+
+def test_an_orbit_and_its_events_have_the_accuracy():
+    """Five days of a satellite; the times of its perigees follow from the period by Kepler's third law."""
+    mu, r, speed = 398600.4418, 7000.0, 9.0
+    options = {"params": [mu], "events": {"perigee": eig3.Event(apsis, direction=1)}}
+    solution = eig3.integrate(
+        satellite, (0, 432000.0), [r, 0.0], [0.0, speed], accuracy={"u": 1e-7, "perigee": 1e-9}, **options
+    )
+    period = 2 * np.pi * np.sqrt((1 / (2 / r - speed**2 / mu)) ** 3 / mu)
+    exact = period * np.arange(1, 1 + len(solution.events["perigee"]))
+    assert len(exact) > 20
+    np.testing.assert_allclose(solution.events["perigee"].t, exact, rtol=0, atol=2e-9 * 432000)
+
+
+def test_an_isolator_has_the_accuracy():
+    assert_accurate(1e-5, partial(eig3.integrate, isolated, (0, 20), [0.0, 0.0], [0.0, 0.0]))

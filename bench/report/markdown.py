@@ -33,6 +33,7 @@ TITLES = {
     "c": "Beside C",
     "stability": "Stability limits",
     "hard": "Hard cases",
+    "trust": "Can the error be trusted?",
 }
 
 

@@ -17,7 +17,7 @@ from eig3.drawing import before_growth, histories
 from eig3.methods import LIBRARY
 from eig3.problem import Problem
 
-from .. import c, hard, paper, pictures, plan, stability
+from .. import c, hard, paper, pictures, plan, stability, trust
 from ..article import TABLES
 from ..article_runs import measure as measure_table
 from ..modes import MODES
@@ -107,6 +107,7 @@ def parts_of(settings: Settings) -> list[Part]:
         found += [_article(table.number, settings) for table in paper.TABLES]
         found += _c(settings)
         found += [Part("stability", "eig3 bench stability", _stability), Part("hard", "eig3 bench hard", _hard)]
+        found.append(Part("trust", f"eig3 bench trust --repeats {settings.repeats}", partial(_trust, settings.repeats)))
     return found
 
 
@@ -218,6 +219,12 @@ def _hard(record: Record) -> dict[str, Any]:
     lines: list[str] = []
     hard.benchmark(write=lines.append)
     return {"markdown": re.sub(r"(?m)^(\d+\. )", r"### \1", _page(lines))}
+
+
+def _trust(repeats: int, record: Record) -> dict[str, Any]:
+    lines: list[str] = []
+    trust.benchmark(repeats=repeats, write=lines.append)
+    return {"markdown": _page(lines).replace("## ", "### ")}
 
 
 def _page(lines: list[str]) -> str:

@@ -148,14 +148,14 @@ class Record:
 
     @property
     def texts(self) -> dict[str, Text]:
-        """What the comparison with C, the planner's benchmark, the stability limits and the hard cases say."""
+        """What the parts say that have no pictures."""
         found = {}
         planned = self._parts("plan")
         if planned:
             outcomes = [outcome for part in planned for outcome in part.data]
             how = plan.how_measured(self.run.settings["repeats"])
             found["plan"] = Text(_together([p.command for p in planned]), f"{how}\n\n{plan.render(outcomes)}")
-        for name in ("c", "stability", "hard"):
+        for name in ("c", "stability", "hard", "trust"):
             if name in self.measured:
                 part = self.measured[name]
                 found[name] = Text(part.command, part.data["markdown"])
