@@ -222,6 +222,17 @@ def test_a_terminal_event_may_come_earlier():
     assert np.abs((solution.u - true - solution.error.u)[known]).max() < 0.2 * np.abs(solution.u - true).max()
 
 
+def test_a_fast_motion_that_a_method_damps_away_has_a_note():
+    """RK4 with omega h = 1 damps the fast oscillation in all compared runs, which agree: the energy tells."""
+    fast = problems.two_frequency_oscillator()
+    solution = fast.integrate(h=1e-3, method="rk4", save_every=50_000, check=True)
+    true = np.abs(solution.u - fast.exact(solution.t)[0]).max()
+    assert solution.error.largest["u"] < 1e-6 < 0.5 < true
+    assert "energy changes by 1e+02 %, which the estimated error of u does not show" in solution.error.notes[-1]
+    fine = fast.integrate(h=1e-4, method="rk8", save_every=50_000, t_end=100.0, check=True)
+    assert not any("changes by" in note for note in fine.error.notes)
+
+
 # Ensembles -----------------------------------------------------------------------------------------------------------
 
 
