@@ -88,8 +88,9 @@ class LaneObservation(NamedTuple):
         See `OCCURRENCES`: how many rows are written.
     of_occurrences, of_states : ndarray of int
         The trajectory of each of these rows.
-    numbers, last_numbers : ndarray, shape (lanes, k) and (trajectories, k)
-        The numbers that change during a run with quantities, of each lane, and of each trajectory that has ended.
+    numbers, last_numbers : ndarray, shape (lanes, k) and (trajectories, j)
+        The numbers that change during a run with quantities, of each lane, and the first j of them of each trajectory
+        that has ended.
     start : int
         The first of the numbers that are the values at the start.
     ends : ndarray, shape (trajectories, 3)
@@ -264,7 +265,7 @@ def finish_times(m, t0, t_stop, step, occurrence, counters, watch):
 def end_observing(lane, m, before, time, seen):
     """Keep what was observed in a trajectory that has ended."""
     seen.ends[m, END_TIME], seen.ends[m, END_STEP] = time, before
-    for k in range(seen.numbers.shape[1]):
+    for k in range(seen.last_numbers.shape[1]):
         seen.last_numbers[m, k] = seen.numbers[lane, k]
 
 

@@ -246,9 +246,19 @@ MUTANTS = {
         ("np.array([index - 1, index])", "np.array([index, index])"),
         ("np.inf).min(axis=0)", "0).max(axis=0)"),
     ],
-    ("eig3/ensembles/adaptive.py", "test_adaptive_lanes.py -k 'events_and_times or lanes_leave'"): [
-        ("rows[~ended] = np.nan", "rows[ended] = np.nan"),
-        ("self.numbers[member[valid]], found[valid]", "self.numbers[member], found"),
+    (
+        "eig3/ensembles/adaptive_observer.py",
+        "test_adaptive_lanes.py -k 'events_and or lanes_leave or quantities_and'",
+    ): [
+        ("numbers[~reached]] = np.nan", "numbers[reached]] = np.nan"),
+        ("numbers[member[valid]], found[valid]", "numbers[member], found"),
+        ("np.maximum(first - low, high - first)", "np.maximum(low - first, high - first)"),
+        ("order = order[reached[saved[0][order]]]", "order = order[:]"),
+    ],
+    ("kernels/lane_observation.py", "test_adaptive_lanes.py -k 'events_and or quantities_and'"): [
+        ("row = m * len(watch.times)", "row = 0 * len(watch.times)"),
+        ("float(taken - taken % every + every)", "float(taken + every)"),
+        ("for k in (A, A_END):", "for k in (A,):"),
     ],
     ("eig3/ensembles/histories.py", "test_adaptive_lanes.py -k 'steps_of_single_runs'"): [
         ("/ np.maximum(1, n_steps)", "/ np.maximum(1, n_steps + n_rejected)"),
@@ -272,7 +282,7 @@ MUTANTS = {
 #: What no test can notice: a file, what stands there before and after, and why.
 EQUIVALENT = [
     (
-        "eig3/ensembles/adaptive.py",
+        "eig3/ensembles/adaptive_observer.py",
         "np.ones((count, lanes)),\n            np.ones",
         "np.zeros((count, lanes)),\n            np.ones",
         "a member that begins in a lane sets its sides",

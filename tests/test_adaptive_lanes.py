@@ -168,12 +168,12 @@ def test_no_lane_waits(monkeypatch):
 def test_what_lanes_leave_is_what_a_single_run_says():
     """u'' = p u^3 is singular at a finite time for p > 0; those members end as single runs do."""
     p = np.linspace(-2, 2, 40)[:, None]
-    for options in ({}, {"events": {"slow": eig3.Event(slow)}}, {"max_steps": 20}):
+    for options in ({}, {"events": {"slow": eig3.Event(slow)}}, {"save_every": 2}, {"max_steps": 20}):
         found = eig3.ensemble(cubic, (0, 4), 1.0, 0.0, rtol=1e-6, method="rk5", params=p, **options)
         for i in range(0, 40, 3):
-            one = eig3.integrate(
-                cubic, (0, 4), 1.0, 0.0, rtol=1e-6, method="rk5", params=p[i], save_every=None, **options
-            )
+            given = {"rtol": 1e-6, "method": "rk5", "save_every": None, **options}
+            one = eig3.integrate(cubic, (0, 4), 1.0, 0.0, params=p[i], **given)
+            assert len(found[i].t) == len(one.t)
             assert (found.status[i], found.message[i]) == (one.status, one.message)
             np.testing.assert_allclose(found[i].u[-1], one.u[-1], rtol=1e-9)
             assert {name: len(each) for name, each in found[i].events.items()} == {
@@ -361,6 +361,7 @@ OBSERVED = {
         "events": {"there": eig3.Event(above_level, apply=brake)},
         "t_eval": np.linspace(0.0, 10.0, 23),
     },
+    "saved and logged": {"save_every": 4, "events": {"slow": eig3.Event(slow)}},
     "an end": {
         "outputs": {"power": power},
         "events": {"there": eig3.Event(above_level, direction=-1, terminal=True)},

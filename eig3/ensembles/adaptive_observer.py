@@ -18,8 +18,8 @@ from ..kernels.lane_observation import (
 from ..kernels.loops.formulas import variable_formulas
 from ..kernels.loops.observe import Observation, at_each_step, observation, placing
 from ..kernels.loops.variable import own_degrees
-from ..kernels.protocol import COLUMN, EVENT_VALUES, EVENTS, OUT, RECORD_SIZE, Look
-from ..stepping.followed import OF_EXTREMES, OF_OUT, OF_START, OF_STEPS, spacing_of
+from ..kernels.protocol import COLUMN, EVENT_VALUES, EVENTS, RECORD_SIZE, Look
+from ..stepping.followed import OF_EXTREMES, OF_LATEST, OF_OUT, OF_START, OF_STEPS, spacing_of
 from ..stepping.march import Rows
 from ..stepping.observer import Observer
 from .lanewise import Setup
@@ -84,8 +84,8 @@ class AdaptiveObserver:
             np.empty(len(self._log), dtype=np.int64),
             np.empty(len(self.rows.t), dtype=np.int64),
             values,
-            np.empty((m, values.shape[1])),
-            self._followed.begin_of_start(n),
+            np.empty((m, self._followed.begin_of(OF_OUT, n))),
+            self._followed.begin_of(OF_START, n),
             np.full((m, 3), np.nan),
         )
         self._keeps = observer, look  # whose memory the kernel reads
@@ -108,7 +108,7 @@ class AdaptiveObserver:
         """Return the look of a lane: what changes in it is a part of `numbers`."""
         if not self._followed.quantities:
             return look
-        out, extremes, steps, parts, forward, most, _, before = self._followed.arrays(self._n, numbers)[1]
+        extremes, steps, _, before, out, parts, forward, most = self._followed.arrays(self._n, numbers)[1]
         changing = {"out": out, "extremes": extremes, "steps": steps, "parts": parts, "forward": forward, "most": most}
         return Look(look.watch, look.follow._replace(**changing), look.within._replace(before=before))
 
@@ -157,8 +157,8 @@ class AdaptiveObserver:
         place, *rows = (x[order] for x in saved)
         place = (np.cumsum(reached) - 1)[place]
         end, start = record.ends[reached].T, histories.members
-        first = [start.t_span[0], 0.0, start.u0[chosen], start.v0[chosen], *self._outputs_in(arrays[OF_START], COLUMN)]
-        last = [end[END_TIME], end[END_STEP], u[reached], v[reached], *self._outputs_in(arrays[OF_OUT], OUT)]
+        first = [start.t_span[0], 0.0, start.u0[chosen], start.v0[chosen], *self._outputs_in(arrays[OF_START])]
+        last = [end[END_TIME], end[END_STEP], u[reached], v[reached], *self._outputs_in(arrays[OF_LATEST])]
         histories.save_rows(chosen, first, place, rows, last)
 
     def _store_quantities(self, chosen: np.ndarray, arrays: list[np.ndarray]) -> None:
@@ -173,9 +173,9 @@ class AdaptiveObserver:
             (low, high), first = arrays[OF_STEPS][..., column].T, arrays[OF_START][:, column]
             histories.drift[name][chosen] = np.maximum(first - low, high - first)
 
-    def _outputs_in(self, values: np.ndarray, place: int) -> Iterator[np.ndarray]:
-        """Yield the values of each output of members, which begin in a column of the table of quantities."""
+    def _outputs_in(self, values: np.ndarray) -> Iterator[np.ndarray]:
+        """Yield the values of each output of members, from a row of all quantities for each."""
         followed = self._followed
         for name, k in followed.outputs.items():
-            begin, shape = int(followed.table[k, place]), self._shared.histories.outputs[name].shape[2:]
+            begin, shape = int(followed.table[k, COLUMN]), self._shared.histories.outputs[name].shape[2:]
             yield values[:, begin : begin + followed.quantities[k].width].reshape(-1, *shape)

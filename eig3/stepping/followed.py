@@ -26,8 +26,8 @@ def n_invariants(n_steps: int, spacing: float) -> int:
     return count + max(0, int((n_steps - due) / spacing + 1))
 
 
-#: The places of some arrays in what `Followed.arrays` returns.
-OF_OUT, OF_EXTREMES, OF_STEPS, OF_START = 0, 1, 2, 6
+#: The places of some arrays in what `Followed.arrays` returns. The first four are what remains of a run.
+OF_EXTREMES, OF_STEPS, OF_START, OF_LATEST, OF_OUT = range(5)
 
 
 class Followed:
@@ -95,14 +95,15 @@ class Followed:
         return found
 
     def arrays_of_runs(self, n: int, numbers: np.ndarray) -> list[np.ndarray]:
-        """Return these arrays of several runs, from their numbers of shape (runs, k)."""
+        """Return these arrays of several runs, from their numbers, or the first numbers, of shape (runs, k)."""
         _, places = self._places.get(n) or self._places.setdefault(n, self._placed(n))
-        return [numbers[:, begin:end].reshape(len(numbers), *shape) for begin, end, shape in places]
+        some = (place for place in places if place[1] <= numbers.shape[1])
+        return [numbers[:, begin:end].reshape(len(numbers), *shape) for begin, end, shape in some]
 
-    def begin_of_start(self, n: int) -> int:
-        """The first of the numbers that are the values at the start."""
+    def begin_of(self, array: int, n: int) -> int:
+        """The first of the numbers that belong to an array, such as `OF_START`."""
         _, places = self._places.get(n) or self._places.setdefault(n, self._placed(n))
-        return places[OF_START][0]
+        return places[array][0]
 
     def check(self, out: np.ndarray) -> None:
         """Raise a ValueError if a quantity has written beyond its values in the last axis of an array."""
@@ -117,14 +118,14 @@ class Followed:
         """Return the total count of numbers, and the begin, the end and the shape of each array in them."""
         columns, places, size = self.columns, [], 0
         shapes: list[tuple[int, ...]] = [
-            (self._out_size,),  # the values in the latest state
             (4, columns),  # the extremes
             (2, columns),  # extremes over the ends of steps and events
+            (columns,),  # the values at the start
+            (columns,),  # the values before the next step
+            (self._out_size,),  # the values in the latest state
             (PARTS, 2, columns),  # extremes in the last parts of the run
             (PARTS, n),  # the signs of the velocities at the ends of these parts
             (len(self.quantities),),  # the largest |work|
-            (columns,),  # the values at the start
-            (columns,),  # the values before the next step
         ]
         for shape in shapes:
             places.append((size, size + math.prod(shape), shape))

@@ -106,7 +106,7 @@ class Observer:
     def _use_numbers(self, numbers: np.ndarray | None) -> None:
         self._table = self.followed.table.copy()
         self.numbers, arrays = self.followed.arrays(self._n, numbers)
-        self._out, self._widest, self.steps, self.parts, self.forward, self.most, self._start, self._before = arrays
+        self._widest, self.steps, self._start, self._before, self._out, self.parts, self.forward, self.most = arrays
 
     @property
     def arguments(self) -> Look:
