@@ -18,6 +18,7 @@ from ..run.accuracy import (
     MOST_STALLED,
     WITH_TOLERANCES,
     Goal,
+    Known,
     check_accuracy_names,
     first_rtol,
     learned,
@@ -54,7 +55,7 @@ def reach_members(
     check_accuracy_names(goal, options)
     assert options.tolerances
     known, key = learned(rhs), ("ensemble", options.method, *sorted(goal.wanted.items()), goal.scale)
-    begin, rtol = time.perf_counter(), known.get(key) or first_rtol(goal)
+    begin, rtol = time.perf_counter(), known[key].value if key in known else first_rtol(goal)
     best: tuple[tuple[int, float], EnsembleSolution, np.ndarray] | None = None
     stalled, reason = 0, f"{MOST_RUNS} runs were not enough"
     for _ in range(MOST_RUNS):
@@ -63,7 +64,7 @@ def reach_members(
         misses = _misses(goal, solution)
         missing = misses[misses > 1]
         if not len(missing):
-            known[key] = rtol
+            known[key] = Known(rtol, None)
             return solution
         rank = len(missing), float(np.median(missing))
         is_better = best is None or rank[0] < best[0][0] or rank[1] < LEAST_GAIN * best[0][1]

@@ -57,6 +57,8 @@ class ErrorEstimate:
         The time after which no digit of u is right; None if there is no such time.
     by : str
         What the run was compared with.
+    coarser : float or None
+        The error with twice the step, or with ten times the tolerance, divided by this error; None if it is not known.
     notes : tuple of str
         Sentences that the user should read.
     """
@@ -72,6 +74,7 @@ class ErrorEstimate:
     events: dict[str, np.ndarray] = field(default_factory=dict)
     order: float | None = None
     reliable_until: float | None = None
+    coarser: float | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -149,8 +152,11 @@ class Companion:
         return cls(other, ratio, rows, None, u, v, is_fixed=False)
 
 
-def estimate(solution: Any, fine: Companion, coarse: Companion | None) -> ErrorEstimate:
-    """Return the error of a solution by a finer and by a coarser run."""
+def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: float | None = None) -> ErrorEstimate:
+    """Return the error of a solution by a finer and by a coarser run.
+
+    If `coarser` is known, see `ErrorEstimate`, `fine` is a coarser run, and no other is needed.
+    """
     order = solution.method.order if fine.is_fixed else None
     scale = _scale(solution.u)
     first = (solution.u[fine.rows] - fine.u) / scale
@@ -160,17 +166,23 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None) -> ErrorE
     if coarse is not None and coarse.solution.success:
         differences = Differences.of(solution, fine, coarse, scale)
     seen = differences and differences.ratio()
-    if order is None:
+    if coarser is not None:
+        observed, factor = order and math.log2(coarser), 1 / (1 - coarser)
+    elif order is None:
         observed, factor = None, _by_tolerances(seen, is_tiny, notes)
+        coarser = seen
     else:
         observed, factor = _by_order(seen, fine, coarse, order, is_tiny, notes)
+        coarser = observed and 2**observed
         if differences and coarse and not is_tiny and observed is not None and observed < order - _BELOW:
             notes.append(_lower(solution.method.label, differences, (coarse.ratio, fine.ratio), observed, order))
     if not fine.solution.success:
         notes.append(f"The compared run, {fine.name}, ended early: {fine.solution.message}")
 
     def errors(values: np.ndarray, others: np.ndarray) -> np.ndarray:
-        return _everywhere(solution.t, fine.rows, factor * (values[fine.rows] - others))
+        found = _at(fine.rows, values) - others
+        found *= factor
+        return _everywhere(solution.t, fine.rows, found)
 
     u = errors(solution.u, fine.u)
     until, note = _reliable_until(solution.t, u, scale)
@@ -196,6 +208,7 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None) -> ErrorE
         events=events,
         order=observed,
         reliable_until=until,
+        coarser=coarser,
         notes=tuple(notes),
     )
 
@@ -213,16 +226,26 @@ def clear_estimate(solution: Any, near: Companion, far: Companion) -> ErrorEstim
 
 def _scale(u: np.ndarray) -> Any:
     """Return the size of the motion of each degree of freedom."""
-    sizes = np.maximum(*_range(u)) if len(u) else np.zeros(u.shape[1:])
+    sizes = _largest_of_each(u) if len(u) else np.zeros(u.shape[1:])
     largest = float(np.max(sizes, initial=0.0))
     return np.maximum(sizes, max(_SMALL * largest, np.finfo(float).tiny))
 
 
-def _range(u: np.ndarray) -> tuple[Any, Any]:
-    """Return the largest u and the largest -u of each degree of freedom."""
+def _largest_of_each(u: np.ndarray) -> Any:
+    """Return the largest |u| of each degree of freedom, without NaN and without temporary arrays of this size."""
     if u.ndim == 2 and u.shape[1] < _FEW_COLUMNS:  # NumPy takes ten times as long to reduce short rows
-        return np.array([x.max() for x in u.T]), -np.array([x.min() for x in u.T])
-    return u.max(axis=0), -u.min(axis=0)
+        return np.array([_largest(x) for x in u.T])
+    return np.fmax(np.fmax.reduce(u, axis=0), -np.fmin.reduce(u, axis=0))
+
+
+def _at(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return some rows of an array: a view, if they have equal distances."""
+    distance = int(rows[1] - rows[0]) if len(rows) > 1 else 0
+    if distance and rows[-1] - rows[0] == distance * (len(rows) - 1):  # the rows increase
+        found = values[rows[0] : rows[-1] + 1 : distance]
+        if distance == 1 or (np.diff(rows) == distance).all():
+            return found
+    return values[rows]
 
 
 class Differences(NamedTuple):
@@ -248,7 +271,7 @@ class Differences(NamedTuple):
         rows, *both = np.intersect1d(fine.rows, coarse.rows, assume_unique=True, return_indices=True)
         norms = []
         for other, some in zip((fine, coarse), both, strict=True):
-            relative = (solution.u[rows] - other.u[some]) / scale
+            relative = (_at(rows, solution.u) - _at(some, other.u)) / scale
             relative = relative.reshape(len(rows), np.size(scale))
             norms.append(np.sqrt(np.einsum("ij,ij->i", relative, relative)))
         apart = np.flatnonzero(~(norms[1] < _CONVERGING))
@@ -349,10 +372,9 @@ def _everywhere(t: np.ndarray, rows: np.ndarray, errors: np.ndarray) -> np.ndarr
 
 def _reliable_until(t: np.ndarray, u: np.ndarray, scale: Any) -> tuple[float | None, str]:
     """Return the time after which no digit is right, and a sentence about the growth of the error."""
-    each = np.abs(u / scale)
-    if not np.fmax.reduce(each, axis=None, initial=0.0) >= _NO_DIGIT:
+    if not np.fmax.reduce(_largest_of_each(u) / scale, axis=None, initial=0.0) >= _NO_DIGIT:
         return None, ""
-    relative = each.reshape(len(t), -1).max(axis=1)
+    relative = np.abs(u / scale).reshape(len(t), -1).max(axis=1)
     wrong = np.flatnonzero(relative >= _NO_DIGIT)
     if not len(wrong):
         return None, ""
@@ -389,4 +411,6 @@ def _of_events(solution: Any, other: Any, factor: float) -> tuple[dict[str, np.n
 
 
 def _largest(values: Any) -> float:
-    return float(np.fmax.reduce(np.abs(values), axis=None, initial=0.0))
+    values = np.asarray(values)
+    most, least = (each.reduce(values, axis=None, initial=0.0) for each in (np.fmax, np.fmin))
+    return float(max(most, -least))

@@ -12,7 +12,9 @@ import numpy as np
 
 from ..functions.checks import check_method, check_span, reals, shown
 from ..functions.layout import unknown_name
+from ..kernels.compile.interrupt import keeping
 from ..methods import RK5, RK8, RKN12
+from ..result.error_estimate import ErrorEstimate
 from ..result.solution import Solution, Status
 from ..stepping.run_options import RunOptions
 from ..stepping.tolerances import LEAST_RTOL
@@ -30,8 +32,16 @@ LARGEST_CHANGE = 1e-4  # least factor from one step, or tolerance, to the next
 _SHORTEN = 0.25  # factor to a step that was unstable
 WITH_TOLERANCES = RK5, RK8, RKN12  # other methods take a fixed step
 
-#: The h or rtol with which a function reached an accuracy, by the method and the accuracy.
-_learned: WeakKeyDictionary[Any, dict[Any, float]] = WeakKeyDictionary()
+
+class Known(NamedTuple):
+    """What a run that reached an accuracy has shown: its h or rtol, and `ErrorEstimate.coarser`, if that is sure."""
+
+    value: float
+    coarser: float | None
+
+
+#: What is known of a function, by the method and the accuracy.
+_learned: WeakKeyDictionary[Any, dict[Any, Known]] = WeakKeyDictionary()
 
 
 class Goal(NamedTuple):
@@ -153,17 +163,21 @@ def reach(
     first |= {"check": True, "raise_on_failure": False}
     key = (method, *sorted(goal.wanted.items()), goal.scale)
     known, search = learned(rhs), _Search(goal, knob)
-    value = known.get(key) or search.first(start[0])
+    value, coarser = known.get(key) or (search.first(start[0]), None)
     while True:
         prepared = prepare(**{**options, knob: value})
         check_accuracy_names(goal, prepared.options)
+        if coarser and (later := _in_short(goal, prepared, start, first, coarser)):
+            return later
+        coarser = None
         solution = prepared(*start, **first)
         following = search.after(solution, value)
         if following is None:
             break
         value = following
     if search.reached:
-        known[key] = value
+        error = solution.error
+        known[key] = Known(value, error.coarser if error and _is_sure(error) else None)
         return solution
     solution = search.best() if search.runs else solution
     if raises:
@@ -171,8 +185,23 @@ def reach(
     return solution
 
 
-def learned(rhs: Any) -> dict[Any, float]:
-    """Return the steps, or tolerances, with which the runs of a function reached an accuracy."""
+def _in_short(goal: Goal, prepared: Prepared, start: tuple, first: dict[str, Any], coarser: float) -> Solution | None:
+    """Return a run that reaches the accuracy by one further run; None if there is none."""
+    solution = prepared(*start, **{**first, "check": False})
+    if not solution.success:
+        return None
+    with keeping(solution):
+        solution.error = solution._extend().error(solution, first.get("cancel"), coarser)
+    return solution if max(goal.misses(solution).values()) <= 1 and _is_sure(solution.error) else None
+
+
+def _is_sure(error: ErrorEstimate) -> bool:
+    """Whether an error is in proportion to the errors of coarser runs."""
+    return error.coarser is not None and 2 <= error.coarser < math.inf and not error.notes
+
+
+def learned(rhs: Any) -> dict[Any, Known]:
+    """Return what is known of the runs of a function to an accuracy."""
     return _learned.setdefault(rhs, {})
 
 

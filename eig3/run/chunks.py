@@ -142,6 +142,10 @@ class Run:
         """Estimate the error of the solution of this run, by runs from its start with other steps."""
         raise NotImplementedError
 
+    def error_by(self, coarser: float, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
+        """Estimate the error by one coarser run, whose error is larger by a known factor."""
+        raise NotImplementedError
+
     def state(self) -> dict[str, Any]:
         """Return the state from which the run continues, in numbers and arrays."""
         raise NotImplementedError
@@ -380,8 +384,10 @@ class Run:
     def itself(self) -> Run:
         return self
 
-    def error(self, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
+    def error(self, solution: Solution, cancel: Cancel | None, coarser: float | None = None) -> ErrorEstimate:
         """Estimate the error of the solution of this run.
+
+        If it is known how much larger the error of a coarser run is, see `ErrorEstimate`, one further run is enough.
 
         Raises
         ------
@@ -389,7 +395,7 @@ class Run:
             If the method adds random numbers.
         """
         check_repeatable(self.stepper.method)
-        error = self.error_of(solution, cancel)
+        error = self.error_of(solution, cancel) if coarser is None else self.error_by(coarser, solution, cancel)
         return replace(error, notes=(*error.notes, *self._losses(solution, error)))
 
     def _losses(self, solution: Solution, error: ErrorEstimate) -> Iterator[str]:

@@ -106,6 +106,11 @@ class VariableRun(Run):
         both = side_by_side(fine, coarse[0], self.stepper.system, solution.kernel_seconds, cancel)
         return estimate(solution, *both)
 
+    def error_by(self, coarser: float, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
+        if self.stepper.tolerances.rtol * _RATIO > _LARGEST_RTOL:
+            return self.error_of(solution, cancel)
+        return estimate(solution, self._companion(solution, _RATIO, cancel), None, coarser)
+
     def _companion(self, solution: Solution, ratio: float, cancel: Cancel | None) -> Companion:
         """Return the run with other tolerances."""
         stepper, tolerances = self.stepper, companion_tolerances(self.stepper.tolerances, ratio)
