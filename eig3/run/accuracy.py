@@ -188,7 +188,7 @@ def reach(
 def _in_short(goal: Goal, prepared: Prepared, start: tuple, first: dict[str, Any], coarser: float) -> Solution | None:
     """Return a run that reaches the accuracy by one further run; None if there is none."""
     solution = prepared(*start, **{**first, "check": False})
-    if not solution.success:
+    if not solution.success or solution._extend is None:
         return None
     with keeping(solution):
         solution.error = solution._extend().error(solution, first.get("cancel"), coarser)
