@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -27,8 +26,8 @@ from eig3.result.solution import Solution
 from . import pictures, text
 from .choices import add_problems, add_repeats, choose
 from .problem_set import PROBLEM_SET, VARIABLE_SPEED
-from .reference import reference
-from .timing import medians
+from .reference import Judge, reference
+from .timing import medians, seconds_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -253,10 +252,10 @@ _COST_HEADER = ["problem", "accuracy", "by hand", "ms", "first call", "later cal
 
 def _costs(name: str, problem: Problem, repeats: int) -> Iterator[list[str]]:
     """Yield the rows of a problem: the times of `accuracy=` over the time of the best run by hand."""
-    truth = reference(problem, (PROBLEM_SET | VARIABLE_SPEED)[name].omega).u
+    judge = Judge(problem, reference(problem, (PROBLEM_SET | VARIABLE_SPEED)[name].omega))
     for accuracy in ACCURACIES:
         text.status(f"{name}, {accuracy:g}")
-        best = _by_hand(problem, truth, accuracy)
+        best = _by_hand(problem, judge, accuracy)
         if best is None:
             continue
         method, rtol = best
@@ -275,20 +274,14 @@ def _costs(name: str, problem: Problem, repeats: int) -> Iterator[list[str]]:
             "first": first,
             "later": partial(problem.integrate, accuracy=accuracy),
         }
-        seconds = medians({call: partial(_seconds, each) for call, each in calls.items()}, repeats, name)
-        true = _error(asked, truth)
+        seconds = medians({call: partial(seconds_of, each) for call, each in calls.items()}, repeats, name)
+        true = _error(asked, judge)
         ratios = [f"{seconds[call] / seconds['by hand']:.1f}" for call in ("first", "later")]
         cells = [METHODS[method]().label, text.number(1e3 * seconds["by hand"]), *ratios]
         yield [name, f"{accuracy:g}", *cells, text.number(true / accuracy, 2)]
 
 
-def _seconds(call: Callable[[], Any]) -> float:
-    begin = time.perf_counter()
-    call()
-    return time.perf_counter() - begin
-
-
-def _by_hand(problem: Problem, truth: Truth, accuracy: float) -> tuple[str, float] | None:
+def _by_hand(problem: Problem, judge: Judge, accuracy: float) -> tuple[str, float] | None:
     """Return the method and the largest tolerance that meet the accuracy in the shortest time of the kernel."""
     best: tuple[float, str, float] | None = None
     for name in ("rk5", "rk8", "rkn12"):
@@ -298,17 +291,17 @@ def _by_hand(problem: Problem, truth: Truth, accuracy: float) -> tuple[str, floa
         for _ in range(_TRIALS):
             middle = (low + high) / 2
             solution = problem.integrate(rtol=math.exp(middle), method=name)
-            meets = solution.success and _error(solution, truth) <= accuracy
+            meets = solution.success and _error(solution, judge) <= accuracy
             low, high = (middle, high) if meets else (low, middle)
         rtol = math.exp(low)
         runs = [problem.integrate(rtol=rtol, method=name) for _ in range(3)]
-        if runs[0].success and _error(runs[0], truth) <= accuracy:
+        if runs[0].success and _error(runs[0], judge) <= accuracy:
             best = min(best or (math.inf, "", 0.0), (min(x.kernel_seconds for x in runs), name, rtol))
     return best and best[1:]
 
 
-def _error(solution: Solution, truth: Truth) -> float:
-    return float(np.abs(solution.u - truth(solution.t)).max() / np.abs(solution.u).max())
+def _error(solution: Solution, judge: Judge) -> float:
+    return judge.errors(solution.t, solution.u)["trajectory"]
 
 
 def picture(found: Sequence[Checked]) -> Figure:

@@ -155,15 +155,15 @@ class Companion:
 def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: float | None = None) -> ErrorEstimate:
     """Return the error of a solution by a finer and by a coarser run.
 
-    If `coarser` is known, see `ErrorEstimate`, `fine` is a coarser run, and no other is needed.
+    If `coarser` is known, see `ErrorEstimate`, `fine` is a coarser run, and another one only gives its name.
     """
     order = solution.method.order if fine.is_fixed else None
     scale = _scale(solution.u)
-    first = (solution.u[fine.rows] - fine.u) / scale
+    first = (_at(fine.rows, solution.u) - fine.u) / scale
     is_tiny = bool(np.abs(first).max(initial=0.0) < _ROUND_OFF)
     notes: list[str] = []
     differences = None
-    if coarse is not None and coarse.solution.success:
+    if coarser is None and coarse is not None and coarse.solution.success:
         differences = Differences.of(solution, fine, coarse, scale)
     seen = differences and differences.ratio()
     if coarser is not None:
@@ -218,10 +218,13 @@ def clear_estimate(solution: Any, near: Companion, far: Companion) -> ErrorEstim
     reaches_end = near.rows[-1] == len(solution.t) - 1
     if not (near.solution.success and far.solution.success and reaches_end):
         return None
-    error = estimate(solution, near, far)
-    is_known = error.order is not None and abs(error.order - solution.method.order) <= _CLEAR
-    is_whole = Differences.of(solution, near, far, _scale(solution.u)).is_whole
-    return error if is_known and is_whole and not error.notes else None
+    differences = Differences.of(solution, near, far, _scale(solution.u))
+    seen = differences.ratio()
+    observed = None if seen is None else _order(seen, far.ratio, near.ratio)
+    if observed is None or abs(observed - solution.method.order) > _CLEAR or not differences.is_whole:
+        return None
+    error = estimate(solution, near, far, coarser=near.ratio**observed)
+    return None if error.notes else error
 
 
 def _scale(u: np.ndarray) -> Any:

@@ -87,7 +87,7 @@ class Followed:
         """
         if not self.quantities and n in self._idle:
             return self._idle[n]
-        size, places = self._places.get(n) or self._places.setdefault(n, self._placed(n))
+        size, places = self._places_of(n)
         numbers = np.zeros(size) if numbers is None else numbers
         found = numbers, [numbers[begin:end].reshape(shape) for begin, end, shape in places]
         if not self.quantities:
@@ -96,14 +96,13 @@ class Followed:
 
     def arrays_of_runs(self, n: int, numbers: np.ndarray) -> list[np.ndarray]:
         """Return these arrays of several runs, from their numbers, or the first numbers, of shape (runs, k)."""
-        _, places = self._places.get(n) or self._places.setdefault(n, self._placed(n))
+        _, places = self._places_of(n)
         some = (place for place in places if place[1] <= numbers.shape[1])
         return [numbers[:, begin:end].reshape(len(numbers), *shape) for begin, end, shape in some]
 
     def begin_of(self, array: int, n: int) -> int:
         """The first of the numbers that belong to an array, such as `OF_START`."""
-        _, places = self._places.get(n) or self._places.setdefault(n, self._placed(n))
-        return places[array][0]
+        return self._places_of(n)[1][array][0]
 
     def check(self, out: np.ndarray) -> None:
         """Raise a ValueError if a quantity has written beyond its values in the last axis of an array."""
@@ -113,6 +112,10 @@ class Followed:
             guards = out[..., begin - GUARD_VALUES : begin], out[..., end : end + GUARD_VALUES]
             if not all(map(are_untouched, guards)):
                 raise self.quantities[k].written_beyond()
+
+    def _places_of(self, n: int) -> tuple[int, list[tuple[int, int, tuple[int, ...]]]]:
+        """Return what `_placed` returns, from its first call for each n."""
+        return self._places.get(n) or self._places.setdefault(n, self._placed(n))
 
     def _placed(self, n: int) -> tuple[int, list[tuple[int, int, tuple[int, ...]]]]:
         """Return the total count of numbers, and the begin, the end and the shape of each array in them."""
