@@ -13,7 +13,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _UNKNOWN = re.compile(r"(?:got an unexpected keyword argument|has no argument) '(\w+)'")
 _MISSING = re.compile(r"missing \d+ required keyword-only argument")  # perhaps because its keyword is an unknown one
-_INTERNAL = {"self", "layout", "labels", "quadratures"}  # arguments for internal use
+_INTERNAL = {"self", "layout", "labels", "first_order"}  # arguments for internal use
 
 #: The names of an argument in other codes, by its name here.
 _ELSEWHERE = {

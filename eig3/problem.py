@@ -19,8 +19,9 @@ from .ensembles.ensemble import ensemble
 from .ensembles.named_members import of_members
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import check_callback, reads_velocity
-from .functions.checks import check_method, check_names, check_params, check_span, check_state, reals
+from .functions.checks import check_method, check_params, check_span, check_state, reals
 from .functions.events import Event
+from .functions.first_order import NONE, FirstOrder, check_z0
 from .functions.guard import guarded
 from .functions.layout import Layout
 from .functions.named import Parameters, in_layout, named
@@ -43,11 +44,10 @@ if TYPE_CHECKING:
 #: A function that draws the response on a matplotlib figure.
 Draw = Callable[[Any, Solution], None]
 
-_START = ("u0", "v0", "params")
+_START = ("u0", "v0", "z0", "params")
 _OF_AN_ACCURACY = ("accuracy", "scale", "max_seconds")
 _OF_A_CALL = ("check", "progress", "raise_on_failure", "cancel", "save_to")  # the options of a single run
 _ENERGY_EVERY = 100  # steps: the energy then usually costs less than 5 % of a run
-_OF_RHS = ("rhs", "quadratures")  # fields that change only with the right-hand side
 
 
 @dataclass(frozen=True)
@@ -78,11 +78,13 @@ class UnknownMotion:
 class Problem:
     """A second-order initial value problem u'' = f(t, u, u'), with its energy and exact solution if they are known.
 
+    With first-order unknowns z, it is u'' = f(t, u, u', z) with z' = g(t, u, u', z).
+
     Attributes
     ----------
     name : str
     rhs : jitted function
-        The acceleration, in one of the two forms that `eig3.integrate` takes.
+        The acceleration, in one of the forms that `eig3.integrate` takes.
     u0, v0 : float or array_like, shape (n,)
         Displacement and velocity at ``t_span[0]``; the attributes are floats, or copies of arrays.
     params : array_like; or NamedTuple or dict
@@ -110,11 +112,11 @@ class Problem:
         A suggested step for a first run, which resolves the motion.
     draw : callable, optional
         ``draw(figure, solution)`` draws the response on a matplotlib figure, with the panels of `eig3.drawing`.
-    quadratures : tuple of str
-        Names of quadratures over time, such as "work", as in SUNDIALS; first integrals are `invariants`. For each name,
-        rhs in the vector form can be called with one more degree of freedom after the n of u0, whose acceleration is
-        the integrand. Its velocity is then the integral, to the order of the method, and energy may read it. rhs and
-        energy must also accept u and v without these degrees of freedom.
+    z0 : float or array_like, shape (k,); or dict of str to these
+        First-order unknowns at ``t_span[0]``; the attribute is a dictionary. With rhs in the form ``f(t, u, v, p, a)``,
+        they are integrals over time, such as the work, as quadratures in SUNDIALS: rhs is called with further degrees
+        of freedom after the n of u0, and their accelerations are the integrands. Their velocities are then the
+        integrals, and energy may read them. rhs and energy must also accept u and v without these degrees of freedom.
     events : dict of str to Event
         Events of the motion by name, such as the impacts of a ball.
     view : callable, optional
@@ -146,23 +148,28 @@ class Problem:
     energy_unit: str = "J"
     units: str | tuple[str, ...] = "m"
     names: tuple[str, ...] = ()
-    quadratures: tuple[str, ...] = ()
+    z0: Any = None
     events: Mapping[str, Event] = field(default_factory=dict)
     view: View | None = None
     outputs: Mapping[str, Any] = field(default_factory=dict)
     encounters: Callable | None = None
     masses: ArrayLike | None = None
+    unknowns: FirstOrder = field(default=NONE, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        check_names(self.quadratures, "quadratures")
-        u0, v0, _ = check_state(self.u0, self.v0)
-        own = {"u0": u0, "v0": v0, "t_span": check_span(self.t_span)}  # independent of later changes by the caller
-        own |= {"events": dict(self.events), "outputs": dict(self.outputs)}
+        u0, v0, form = check_state(self.u0, self.v0)
+        own: dict[str, Any]  # independent of later changes by the caller
+        own = {"u0": u0, "v0": v0, "t_span": check_span(self.t_span), "outputs": dict(self.outputs)}
+        unknowns, z = check_z0(self.rhs, self.z0 or None if isinstance(self.z0, Mapping) else self.z0, form)
+        own |= {"z0": unknowns.named(z), "unknowns": unknowns}
+        own |= {"rhs": unknowns.bind_rhs(self.rhs), "energy": unknowns.bind(self.energy)}
+        own["events"] = unknowns.bind_all(dict(self.events))
         params = named(self.params)
         own["params"] = params if isinstance(params, Parameters) else copy(params)
         if isinstance(params, Parameters):
             bind = params.layout.bind
-            own |= {"rhs": bind(self.rhs), "energy": bind(self.energy), "events": params.layout.bind_all(self.events)}
+            own |= {"rhs": bind(own["rhs"]), "energy": bind(own["energy"])}
+            own["events"] = params.layout.bind_all(own["events"])
         for name, value in own.items():
             object.__setattr__(self, name, value)  # the dataclass is frozen
 
@@ -177,12 +184,12 @@ class Problem:
         Parameters
         ----------
         **changes
-            New values of attributes. u0, v0 and params keep their shapes. rhs and quadratures cannot be changed.
+            New values of attributes. u0, v0, z0 and params keep their shapes, and z0 its names. rhs cannot be changed.
 
         Returns
         -------
         Problem
-            If u0, v0, params or the start of t_span change, `continuum` is removed, and `exact` is recomputed for a
+            If u0, v0, z0, params or the start of t_span change, `continuum` is removed, and `exact` is recomputed for a
             problem of `eig3.linear`, and otherwise unknown. If params change, `draw`, `view` and `encounters` are
             removed, because they may contain constants of the problem. Fields given in `changes` are kept.
 
@@ -191,7 +198,7 @@ class Problem:
         TypeError, ValueError
             If a field is unknown, or a value is not valid for it.
         """
-        names = [each.name for each in fields(self) if each.name not in _OF_RHS]
+        names = [each.name for each in fields(self) if each.init and each.name != "rhs"]
         for name in changes:
             if name not in names:
                 raise TypeError(f"with_ can change {', '.join(names)}, but not {name}.")
@@ -231,13 +238,12 @@ class Problem:
         **options
             Other options of `eig3.integrate`, such as rtol and t_eval. `invariants` replaces the energy, which is
             evaluated after about every hundredth step without `invariants_every`; `events` replaces the events of the
-            problem. Functions in `invariants` and `outputs` get u and v with one more degree of freedom for each
-            quadrature.
+            problem. If z0 are integrals, functions in `invariants` and `outputs` get u and v with further degrees of
+            freedom for these.
 
         Returns
         -------
         Solution
-            With the `quadratures` of the problem.
         """
         _refuse_fields(options, "integrate")
         of_call = {name: options.pop(name) for name in _OF_A_CALL if name in options}
@@ -262,14 +268,14 @@ class Problem:
         Returns
         -------
         Prepared
-            In a call, the defaults of t_span, u0, v0 and params come from the problem. The solution has the
-            `quadratures` of the problem.
+            In a call, the defaults of t_span, u0, v0, z0 and params come from the problem.
         """
         options = self._with_own(options, "prepare")
         options["invariants"] = self._balanced(options["invariants"])
         form = SCALAR if np.ndim(self.u0) == 0 else VECTOR
         start = self.t_span, self.u0, self.v0, self.params
-        return Prepared(self.rhs, form, run_options(self._layout, **options), start)
+        z = self.unknowns.joined(self.z0) if self.z0 else None
+        return Prepared(self.rhs, form, run_options(self._layout, **options), start, z)
 
     def load(
         self,
@@ -302,14 +308,14 @@ class Problem:
         if isinstance(found, EnsembleSolution):
             return found.with_functions(self.rhs, outputs=outputs, jacobian=jacobian, **options)
         n = 1 if found.u.ndim == 1 else found.u.shape[1]
-        if (n, tuple(found.quadratures)) != (np.size(self.u0), tuple(self.quadratures)):
+        if (n, tuple(found.z)) != (np.size(self.u0), tuple(self.z0)):
             raise ValueError(f"{path} has a run with {n} degrees of freedom, which is not one of {self.name}.")
         if self.energy is not None and "energy" in found.drift:
             options.setdefault("invariants", {"energy": self.energy})
         options["invariants"] = self._balanced(options.get("invariants"))
         if found.events:
             options.setdefault("events", self.events)
-        options |= {"labels": self.labels, "quadratures": tuple(self.quadratures)}
+        options |= {"labels": self.labels, "first_order": self.unknowns}
         solution = with_functions(found, self.rhs, outputs=outputs, jacobian=jacobian, **options)
         solution.labels = self.labels
         return solution
@@ -321,6 +327,7 @@ class Problem:
         h: ArrayLike | None = None,
         u0: ArrayLike | None = None,
         v0: ArrayLike | None = None,
+        z0: Any = None,
         params: Any = None,
         t_end: float | None = None,
         **options: Any,
@@ -331,9 +338,10 @@ class Problem:
         ----------
         h : float or array_like, optional
             As for `eig3.ensemble`.
-        u0, v0, params : array_like, optional
+        u0, v0, z0, params : array_like, optional
             Values for each member, along a first axis. The defaults come from the problem, for all members. With named
-            parameters, params is a dictionary of the parameters that change, or a list of `eig3.Parameters`.
+            parameters, params is a dictionary of the parameters that change, or a list of `eig3.Parameters`. With names,
+            z0 is a dictionary of the unknowns that change.
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
         **options
@@ -342,7 +350,6 @@ class Problem:
         Returns
         -------
         EnsembleSolution
-            With the `quadratures` of the problem.
 
         Raises
         ------
@@ -359,26 +366,34 @@ class Problem:
             given: Any = (self.u0, u0), (self.v0, v0), (0.0, 0.0 if h is None else h)
             if any(np.ndim(x) > np.ndim(own) and np.shape(x)[0] == params.size > 1 for own, x in given):
                 params = params[None]  # shared, even if there are as many parameters as members
-        if self.quadratures:
+        if z0 is not None and not self.z0:
+            raise TypeError(f"{self.name} has no first-order unknowns: leave out z0.")
+        if self.z0:
             n = np.size(self.u0)
             for name, x in zip(("u0", "v0"), start, strict=True):
                 if np.shape(x)[-1:] != (n,):
                     raise ValueError(
                         f"{name} must have the shape ({n},) or (m, {n}) in {self.name}, not {np.shape(x)}."
                     )
-            start = [_with_quadratures(x, len(self.quadratures)) for x in start]
+            first = self.z0 if z0 is None else {**self.z0, **z0} if isinstance(z0, Mapping) else z0
+            start = [*self.unknowns.start(*start, self.unknowns.again(first))]
         return ensemble(self.rhs, span, *start, h=h, params=params, **options)
 
     @with_suggestions(Stepper.__init__)
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
-        """Return a `Stepper` at the start of the problem, without `quadratures`.
+        """Return a `Stepper` at the start of the problem, without integrals over time.
 
         Raises
         ------
         ValueError
-            If an event changes or ends the motion: a stepper does not support events.
+            If an event changes or ends the motion, or rhs reads first-order unknowns: a stepper supports neither.
         """
         _refuse_fields(options, "stepper")
+        if self.unknowns.is_read:
+            raise ValueError(
+                f"{self.name} has first-order unknowns, which a stepper does not support: call problem.prepare(...), "
+                "and the prepared run again and again."
+            )
         if any(event.terminal or event.apply is not None for event in self.events.values()):
             raise ValueError(
                 f"{self.name} has events that change or end its motion, which a stepper does not support: call "
@@ -400,7 +415,8 @@ class Problem:
 
         def find() -> CriticalStep:
             options: dict[str, Any] = {"method": method, "t": time, "safety": safety}
-            return critical_step(self.rhs, self.u0, self.v0, self.params, **options)
+            u0, v0 = self.start if self.unknowns.is_read else (self.u0, self.v0)
+            return critical_step(self.rhs, u0, v0, self.params, **options)
 
         ahead = self.ahead(time)
         if ahead is None:
@@ -411,10 +427,17 @@ class Problem:
         """Return `encounters` for the motion from the start, at the time t; None if they are unknown."""
         return self.encounters and self.encounters(t, self.u0, self.v0, self.t_span[1] - t)
 
-    def energy_of(self, u: ArrayLike, v: ArrayLike, t: ArrayLike | None = None) -> Any:
+    @property
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """u0 and v0 as kernels get them: with first-order unknowns as velocities of further degrees of freedom."""
+        if not self.z0:
+            return self.u0, self.v0
+        return self.unknowns.start(self.u0, self.v0, self.unknowns.joined(self.z0))
+
+    def energy_of(self, u: ArrayLike, v: ArrayLike, t: ArrayLike | None = None, z: Any = None) -> Any:
         """Return the energy of a state, or of each state of a history.
 
-        If the problem integrates the work, this is the mechanical energy, which changes by ``quadratures["work"]``.
+        If the problem integrates the work, this is the mechanical energy, which changes by ``z["work"]``.
 
         Parameters
         ----------
@@ -422,6 +445,8 @@ class Problem:
             Of the shape of u0 for one state, or with a first axis of states for a history, as in a solution.
         t : float or array_like, optional
             The times of these states; ``t_span[0]`` if not given.
+        z : dict of str to array_like, optional
+            The first-order unknowns of these states, as in a solution, if rhs reads them.
 
         Returns
         -------
@@ -430,12 +455,16 @@ class Problem:
         Raises
         ------
         ValueError
-            If the problem has no energy.
+            If the problem has no energy, or z is missing.
         """
         if self.energy is None:
             raise ValueError(
                 f"{self.name} has no energy: make its scene or structure with work=True, or give the problem one."
             )
+        if self.unknowns.is_read:
+            if z is None:
+                raise ValueError("energy_of needs z too, such as z=solution.z.")
+            u, v = self.unknowns.start(u, v, self.unknowns.again(z))
         energy = check_callback(self.energy, "invariant", check_state(self.u0, self.v0)[2], "energy")
         params = guarded(check_params(self.params))  # a scene stores neighbour lists in them
 
@@ -510,13 +539,13 @@ class Problem:
             options = {"invariants": {"energy": self.energy}, "invariants_every": _ENERGY_EVERY, **options}
         options = {"events": self.events, "invariants": {}, **options}
         options |= {"method": self._with_masses(options.get("method")), "labels": self.labels}
-        return options | {"quadratures": tuple(self.quadratures)}
+        return options | {"first_order": self.unknowns}
 
     def _with_masses(self, method: Any) -> Any:
         """Return the method with the masses of the problem, if it is an instance of Method."""
         if self.masses is None or not isinstance(method, Method):
             return method
-        masses = np.append(np.asarray(self.masses, dtype=np.float64), np.full(len(self.quadratures), np.inf))
+        masses = np.append(np.asarray(self.masses, dtype=np.float64), np.full(self.unknowns.size, np.inf))
         return method.for_masses(masses, self.name)
 
     def _checked(self, name: str, value: Any) -> Any:
@@ -525,6 +554,10 @@ class Problem:
             return check_span(value)
         if name not in _START:
             return value
+        if name == "z0":
+            if not self.z0:
+                raise TypeError(f"{self.name} has no first-order unknowns: leave out z0.")
+            return self.unknowns.named(self.unknowns.again(value))
         if name == "params" and self._layout:
             return in_layout(self._layout, value)
         old = np.shape(check_params(self.params) if name == "params" else self.u0)
@@ -535,15 +568,10 @@ class Problem:
 
     def _balanced(self, invariants: Any) -> Any:
         """Return the invariants, with the energy minus the work if the problem integrates the work."""
-        if "work" not in self.quadratures or not isinstance(invariants, Mapping):
+        if "work" not in self.z0 or not isinstance(invariants, Mapping):
             return invariants
-        balance = EnergyLessWork(self.energy, np.size(self.u0) + self.quadratures.index("work"))
+        balance = EnergyLessWork(self.energy, np.size(self.u0) + [*self.z0].index("work"))
         return {name: balance if function is self.energy else function for name, function in invariants.items()}
-
-
-def _with_quadratures(x: ArrayLike, count: int) -> np.ndarray:
-    """Return a state, or a state for each member, with zeros for the quadratures."""
-    return np.concatenate([x, np.zeros((*np.shape(x)[:-1], count))], axis=-1)
 
 
 def _refuse_fields(options: dict[str, Any], call: str) -> None:

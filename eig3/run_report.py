@@ -198,7 +198,7 @@ class Balance:
     @classmethod
     def of(cls, problem: Problem, solution: Solution) -> Balance:
         energy = problem.energy_of(solution.u, solution.v, solution.t)
-        return cls(solution.t, energy, solution.quadratures.get("work"), problem.energy_unit)
+        return cls(solution.t, energy, solution.z.get("work"), problem.energy_unit)
 
     def summary(self) -> str:
         """Describe the energy at both ends, and the largest change of the energy minus the work."""
@@ -234,13 +234,16 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
     """Write the files; return a text to append to the list of written files."""
     t, u, v = solution.t, solution.u, solution.v
     name = file_name(problem.name)
-    arrays: dict[str, Any] = {"t": t, "u": u, "v": v, **solution.quadratures}
+    arrays: dict[str, Any] = {"t": t, "u": u, "v": v, **solution.z}
+    of_z = {name: np.reshape(x, (len(t), -1)) for name, x in solution.z.items()}
     with files.writing(f"{name}.npz") as path:
         np.savez_compressed(path, **arrays)
-    table = np.column_stack([t, u, v, *solution.quadratures.values()])
+    table = np.column_stack([t, u, v, *of_z.values()])
     if table.size <= _CSV_VALUES:
         columns = [f"{x}{j}" for x in "uv" for j in range(np.size(problem.u0))]
-        header = ",".join(["t", *columns, *solution.quadratures])
+        for name, x in of_z.items():
+            columns += [name] if solution.z[name].ndim == 1 else [f"{name}{j}" for j in range(x.shape[1])]
+        header = ",".join(["t", *columns])
         with files.writing(f"{name}.csv") as path:
             np.savetxt(path, table, delimiter=",", header=header, comments="")
     try:

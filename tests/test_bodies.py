@@ -163,7 +163,7 @@ def test_a_drive_turns_a_bar_as_it_is_told(options, tolerance):
     torque = (inertia + mass / 4) * turning + mass * G / 2 * np.cos(angle)
     np.testing.assert_allclose(run.outputs["reactions"][:, -1], torque, rtol=0, atol=1e4 * tolerance)
     energy = (inertia + mass / 4) / 2 * rate**2 + mass * G / 2 * np.sin(angle)
-    np.testing.assert_allclose(run.quadratures["work"], energy - energy[0], rtol=0, atol=1e2 * tolerance)
+    np.testing.assert_allclose(run.z["work"], energy - energy[0], rtol=0, atol=1e2 * tolerance)
 
 
 def test_a_drive_turns_around_about_the_axis_of_a_hinge():
@@ -206,7 +206,7 @@ def test_viscous_friction_in_a_hinge_takes_the_relative_spin():
     decay = 8.0 * np.exp(-damping * (1 / inertias).sum() * run.t)
     np.testing.assert_allclose(spins[0] - spins[1], decay, rtol=0, atol=1e-8)
     lost = inertias @ (spins**2 - spins[:, :1] ** 2) / 2
-    np.testing.assert_allclose(run.quadratures["work"], lost, rtol=0, atol=3e-8)
+    np.testing.assert_allclose(run.z["work"], lost, rtol=0, atol=3e-8)
 
 
 def test_friction_in_a_hinge_is_a_couple_against_the_relative_spin():
@@ -320,7 +320,7 @@ def test_a_bar_strikes_through_its_hinge():
         assert len(impact.t) == 1
         speeds = bar.angular_velocity(impact.u, impact.v)[0], bar.angular_velocity(impact.u, impact.v_after)[0]
         assert speeds[1] == pytest.approx(-0.5 * speeds[0], rel=1e-6)
-        assert run.quadratures["work"][-1] == pytest.approx(-0.75 * (2.0 / 3) / 2 * speeds[0] ** 2, rel=1e-4)
+        assert run.z["work"][-1] == pytest.approx(-0.75 * (2.0 / 3) / 2 * speeds[0] ** 2, rel=1e-4)
 
 
 @pytest.mark.parametrize(("options", "tolerance"), [({"rtol": 1e-10, "method": "rk8"}, 1e-8), ({"h": 1e-7}, 1e-7)])

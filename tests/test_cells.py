@@ -349,7 +349,7 @@ def test_supports_that_move_cells_do_work():
     problem = held_sheet(work=True)
     runs = [problem.integrate(h=h, method="rk4", save_every=10, invariants_every=1) for h in (1e-3, 5e-4)]
     drifts = [run.drift["energy"] for run in runs]
-    assert drifts[1] < 1e-4 * np.ptp(runs[1].quadratures["work"])
+    assert drifts[1] < 1e-4 * np.ptp(runs[1].z["work"])
     assert drifts[0] > 8 * drifts[1]
 
 
@@ -576,7 +576,7 @@ def test_a_flag_flies_in_the_wind_and_hangs_in_a_calm():
         problem = problems.flag(n=5, wind=wind, damping=0.02, t_end=3.0, work=True)
         solution = problem.integrate(h=2e-4, save_every=50)
         places[wind] = solution.u.reshape(len(solution.t), 3, -1, 5)[-100:, :, -1]
-        assert solution.drift["energy"] < 0.02 * np.ptp(solution.quadratures["work"])
+        assert solution.drift["energy"] < 0.02 * np.ptp(solution.z["work"])
     assert places[8.0][:, 0].mean() > 0.9
     assert np.ptp(places[8.0][:, 1], axis=0).min() > 0.1
     assert places[calm][:, 0].mean() < 0.6
@@ -587,7 +587,7 @@ def test_a_jelly_comes_to_rest_on_the_table():
     problem = problems.jelly(n=3, height=0.02, damping=0.3, t_end=1.0, work=True)
     solution = problem.integrate(h=5e-5, save_every=200)
     x = solution.u.reshape(len(solution.t), 3, -1)
-    assert solution.drift["energy"] < 1e-3 * np.ptp(solution.quadratures["work"])
+    assert solution.drift["energy"] < 1e-3 * np.ptp(solution.z["work"])
     assert np.abs(solution.v[-1]).max() < 0.02
     assert x[-1, 2].min() == pytest.approx(0, abs=2e-3)
     assert x[-1, 2].mean() == pytest.approx(0.03, abs=3e-3)

@@ -137,9 +137,9 @@ def energy(t, u, v, p):
 def test_the_work_has_an_error():
     damped = eig3.linear([1.0], [[0.1]], [[1.0]], t_span=(0, 20), u0=1.0, work=True)
     solution = damped.integrate(h=0.02, check=True)
-    exact = damped.integrate(rtol=1e-12, t_eval=solution.t).quadratures["work"]
-    error = solution.quadratures["work"] - exact
-    assert np.abs(solution.error.quadratures["work"] - error).max() < 0.1 * np.abs(error).max()
+    exact = damped.integrate(rtol=1e-12, t_eval=solution.t).z["work"]
+    error = solution.z["work"] - exact
+    assert np.abs(solution.error.z["work"] - error).max() < 0.1 * np.abs(error).max()
 
 
 def test_the_order_is_the_root_of_the_ratio_of_the_differences():

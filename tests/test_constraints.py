@@ -225,7 +225,7 @@ def test_the_work_of_an_actuator_is_followed():
     drifts = [problem.integrate(h=h).drift["energy"] for h in (2e-3, 1e-3)]
     assert drifts[0] / drifts[1] == pytest.approx(4.0, rel=0.1)
     assert problem.integrate(h=1e-2, method="rk8").drift["energy"] < 1e-10
-    assert np.ptp(problem.integrate(h=1e-2, method="rk8").quadratures["work"]) > 1
+    assert np.ptp(problem.integrate(h=1e-2, method="rk8").z["work"]) > 1
 
 
 @pytest.mark.parametrize("options", [{"h": 1e-3}, {"h": 1e-3, "method": "rk4"}, {"rtol": 1e-8}])

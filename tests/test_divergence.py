@@ -409,7 +409,7 @@ def forced_from_rest(damping):
 def test_a_small_part_of_the_work_is_no_growth(damping, method, relative, save_every):
     """The energy less the work is zero at the start, and the errors of the work add up: they are small beside it."""
     run = forced_from_rest(damping).integrate(h=0.005, method=method, save_every=save_every)
-    assert 0 < run.drift["energy"] < relative * np.abs(run.quadratures["work"]).max()
+    assert 0 < run.drift["energy"] < relative * np.abs(run.z["work"]).max()
     assert run.notes == ()
 
 
@@ -421,7 +421,7 @@ def test_energy_that_a_method_adds_to_a_forced_motion_is_noted():
     grown = said(
         r"energy minus the work grows steadily, by ([\d.e+]+) % of the larger of the two over the run: RK2\(\) ", note
     )
-    assert grown == pytest.approx(100 * run.drift["energy"] / np.abs(run.quadratures["work"]).max(), rel=0.1)
+    assert grown == pytest.approx(100 * run.drift["energy"] / np.abs(run.z["work"]).max(), rel=0.1)
     first = forced_from_rest(0.5).integrate(h=0.02, method="rk2", t_end=30.0)
     assert first.extend(60.0).notes == run.notes
 

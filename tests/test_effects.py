@@ -176,7 +176,7 @@ def test_the_change_of_energy_is_the_work_done(name):
 
 @pytest.mark.parametrize("name", ["linear damper", "quadratic drag", "coulomb friction", "friction on a plane"])
 def test_what_dissipates_only_takes_energy(name):
-    work = scene_with(name, 2, work=True).integrate(h=1e-4, method="rk4").quadratures["work"]
+    work = scene_with(name, 2, work=True).integrate(h=1e-4, method="rk4").z["work"]
     assert work[-1] < -0.01
     assert (np.diff(work) <= 1e-15).all()
 

@@ -699,8 +699,8 @@ def test_a_scene_follows_its_work_in_an_ensemble():
     solution = problem.ensemble(params=params, h=1e-3, save_every=100)
     alone = problem.integrate(h=1e-3, save_every=100)
     assert solution.u.shape == (3, 21, 3)
-    for name, values in alone.quadratures.items():
-        np.testing.assert_allclose(solution[1].quadratures[name], values, rtol=1e-9, atol=1e-9 * np.abs(values).max())
+    for name, values in alone.z.items():
+        np.testing.assert_allclose(solution[1].z[name], values, rtol=1e-9, atol=1e-9 * np.abs(values).max())
 
 
 def test_the_parameters_of_a_problem_are_shared_by_any_number_of_members():

@@ -240,5 +240,5 @@ def test_problems_with_integrals_are_extended():
     extended = problem.integrate(h=2.0**-10, t_end=0.125).extend(0.1875).extend(0.25)
     assert_same(extended, whole)
     assert extended.labels == whole.labels
-    np.testing.assert_array_equal(extended.quadratures["work"], whole.quadratures["work"])
+    np.testing.assert_array_equal(extended.z["work"], whole.z["work"])
     assert extended.u.shape[1] == np.size(problem.u0)

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 import eig3
-from eig3.fitting.resampling import resampled
+from eig3.result.resampling import resampled
 from eig3.fitting.series import History
 from eig3.fitting.stencils import differences
 
@@ -69,7 +69,7 @@ CHAIN = eig3.Problem(
     {"k": np.array([30.0, 20.0]), "c": 0.3, "m": np.array([1.0, 2.0])},
     (0, 5),
     names=("low", "high"),
-    quadratures=("speed",),
+    z0={"speed": 0.0},
 )
 
 
@@ -171,8 +171,8 @@ def test_values_of_arrays_outputs_and_integrals_have_derivatives():
         more, less, own = run(name, 1e-5), run(name, -1e-5), found[name]
         assert own.u == pytest.approx((more.u - less.u) / 2e-5, abs=1e-6)
         assert own.v == pytest.approx((more.v - less.v) / 2e-5, abs=1e-6)
-        assert own.quadratures["speed"] == pytest.approx(
-            (more.quadratures["speed"] - less.quadratures["speed"]) / 2e-5, abs=1e-6
+        assert own.z["speed"] == pytest.approx(
+            (more.z["speed"] - less.z["speed"]) / 2e-5, abs=1e-6
         )
         output = (more.outputs["forces"] - less.outputs["forces"]) / 2e-5
         assert own.outputs["forces"] == pytest.approx(output, abs=1e-5)
@@ -191,7 +191,7 @@ def test_at_other_times_derivatives_are_those_of_the_interpolated_motion():
         assert now.u == pytest.approx(then.u[rows], abs=1e-6)
         assert now.v == pytest.approx(then.v[rows], abs=1e-5)
         assert now.outputs["forces"] == pytest.approx(then.outputs["forces"][rows], abs=1e-4)
-        assert now.quadratures["speed"] == pytest.approx(then.quadratures["speed"][rows], abs=1e-5)
+        assert now.z["speed"] == pytest.approx(then.z["speed"][rows], abs=1e-5)
 
 
 def test_parameters_without_names_give_the_same_derivatives():
@@ -210,8 +210,8 @@ def test_a_structure_with_a_sparse_stiffness_has_derivatives():
     frame = eig3.linear(np.ones(n), 0.1 * K, K, ground=ground, t_span=(0, 2), work=True)
     found = eig3.sensitivities(frame, ["ground_scale", "u0[3]"], h=1e-3)
     assert found["ground_scale"].u == pytest.approx(found.states.u, abs=1e-11)
-    work = found.states.quadratures["work"]
-    assert found["ground_scale"].quadratures["work"] == pytest.approx(2 * work, abs=1e-9 * np.abs(work).max())
+    work = found.states.z["work"]
+    assert found["ground_scale"].z["work"] == pytest.approx(2 * work, abs=1e-9 * np.abs(work).max())
     with pytest.raises(TypeError, match=r"^K is a sparse matrix"):
         eig3.sensitivities(frame, "K[3]", h=1e-3)
 
@@ -322,7 +322,7 @@ def test_a_fit_takes_several_series_with_times_of_their_own():
     data = {
         "low": (times["low"], measured["low"].u[:, 0]),
         "v1": (times["v1"], measured["v1"].v[:, 1]),
-        "speed": (times["speed"], measured["speed"].quadratures["speed"]),
+        "speed": (times["speed"], measured["speed"].z["speed"]),
         "forces": (times["forces"], measured["forces"].outputs["forces"]),
     }
     sigma = {"low": 1e-3, "v1": np.full(17, 1e-2), "speed": 0.1, "forces": [[0.1, 0.2]]}

@@ -46,7 +46,7 @@ def test_a_table_has_the_names_and_units_of_a_scene():
     np.testing.assert_array_equal(table[names], run.u)
     np.testing.assert_array_equal(table[velocities], run.v)
     np.testing.assert_array_equal(table["reaction[1]"], run.u[:, 1])
-    np.testing.assert_array_equal(table["work"], run.quadratures["work"])
+    np.testing.assert_array_equal(table["work"], run.z["work"])
     assert table.attrs["units"] == dict.fromkeys(names, "m") | dict.fromkeys(velocities, "m/s")
     assert table.attrs["status"] == "completed"
     assert table.attrs["method"] == repr(run.method)
@@ -61,7 +61,7 @@ def test_a_dataset_has_the_names_and_units_of_a_scene():
     np.testing.assert_array_equal(data.t, run.t)
     np.testing.assert_array_equal(data.u.sel(dof="y1"), run.u[:, 3])
     np.testing.assert_array_equal(data.v, run.v)
-    np.testing.assert_array_equal(data.work, run.quadratures["work"])
+    np.testing.assert_array_equal(data.work, run.z["work"])
     assert data.peak.dims == data.work.dims == ("t",)
     assert data.reaction.dims == ("t", "reaction component")
     assert (data.u.attrs["units"], data.v.attrs["units"]) == ("m", "m/s")

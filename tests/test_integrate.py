@@ -568,8 +568,8 @@ def test_names_must_be_strings(name, options, tmp_path):
         if argument != "events":
             with pytest.raises(TypeError, match=message):
                 eig3.ensemble(oscillator, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=[PARAMS], **{argument: {name: value}})
-    with pytest.raises(TypeError, match="the names in quadratures must be strings"):
-        dataclasses.replace(eig3.problems.shear_building(work=True), quadratures=(name,))
+    with pytest.raises(TypeError, match="the names in z0 must be strings"):
+        dataclasses.replace(eig3.problems.shear_building(work=True), z0={name: 0.0})
     assert not (tmp_path / "run").exists()
 
 

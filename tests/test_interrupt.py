@@ -164,7 +164,7 @@ def test_problems_hand_on_the_run_with_its_integrals(monkeypatch):
     with pytest.raises(KeyboardInterrupt) as caught:
         problem.integrate(h=1e-3, t_end=0.01)
     assert caught.value.solution.u.shape[1] == np.size(problem.u0)
-    assert set(caught.value.solution.quadratures) == set(problem.quadratures)
+    assert set(caught.value.solution.z) == set(problem.z0)
 
 
 @pytest.mark.usefixtures("ctrl_c_soon")

@@ -177,7 +177,7 @@ def test_blocks_and_threads(edge, mass, has_damping, threads):
     run = problem.integrate(h=1e-3)
     np.testing.assert_allclose(run.a[0], expected, rtol=1e-12, atol=1e-10)
     power = v0 @ (C @ v0 + b * (K @ v0) + a * (full @ v0))
-    assert run.quadratures["dissipated"][1] / 1e-3 == pytest.approx(power, rel=0.05)  # the mean of a step
+    assert run.z["dissipated"][1] / 1e-3 == pytest.approx(power, rel=0.05)  # the mean of a step
     if threads > 1:
         shared = eig3.linear(M, C, K, u0=u0, v0=v0, **options, threads=threads)
         some = shared.integrate(h=run.h, t_end=0.33 + 50 * run.h).u
@@ -225,7 +225,7 @@ def test_loads(mass, load):
     np.testing.assert_allclose(run.a[0], expected, rtol=1e-12, atol=1e-12)
     # the record has corners between the steps, of which each costs h^2
     assert run.drift["energy"] < 1e-6 * problem.energy_of(U0, V0)
-    assert abs(run.quadratures["work"][-1]) > 1
+    assert abs(run.z["work"][-1]) > 1
 
 
 def test_outside_a_record_nothing_acts():

@@ -256,14 +256,14 @@ def first_position(t, u, v, p):
 
 def test_a_problem_that_follows_the_work_has_outputs():
     problem = problems.quarter_car(work=True)
-    assert problem.quadratures == ("work",)
+    assert problem.z0 == {"work": 0.0}
     options = {"h": 1e-3, "t_end": 0.5, "save_every": 10, "outputs": {"first": first_position}}
     run = problem.integrate(**options)
     np.testing.assert_array_equal(run.outputs["first"], run.u[:, 0])
     assert set(run.extremes) == {"energy", "first"}
     members = problem.ensemble(params=np.array([problem.params] * 3), **options)
     np.testing.assert_array_equal(members[1].outputs["first"], members[1].u[:, 0])
-    assert members[1].quadratures.keys() == run.quadratures.keys()
+    assert members[1].z.keys() == run.z.keys()
 
 
 @eig3.jit

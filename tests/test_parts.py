@@ -73,7 +73,7 @@ def assert_same(solution, expected):
         np.testing.assert_array_equal(getattr(solution, name), getattr(expected, name), err_msg=name)
     for name, found in solution.events.items():
         np.testing.assert_equal(vars(found), vars(expected.events[name]))
-    for name in ("drift", "extremes", "quadratures"):
+    for name in ("drift", "extremes", "z"):
         np.testing.assert_equal(getattr(solution, name), getattr(expected, name))
     for i in (0, 127, 128, len(solution) - 1):
         np.testing.assert_array_equal(solution[i].t, expected[i].t)
@@ -165,7 +165,7 @@ def test_the_parts_of_a_reduced_solution_explain_too():
 
 def test_problems_with_integrals(threads):
     problem = eig3.Problem(
-        name="power", rhs=power, quadratures=("work",), u0=[1.0], v0=[0.0], params=(1.0,), t_span=(0.0, 10.0)
+        name="power", rhs=power, z0={"work": 0.0}, u0=[1.0], v0=[0.0], params=(1.0,), t_span=(0.0, 10.0)
     )
     expected = problem.ensemble(h=0.01, params=STIFFNESS, save_every=10)
     assert_same(problem.ensemble(h=0.01, params=STIFFNESS, save_every=10, executor=threads), expected)
@@ -174,16 +174,16 @@ def test_problems_with_integrals(threads):
         params=STIFFNESS,
         save_every=10,
         executor=threads,
-        reduce=lambda part: (part.u, part.quadratures["work"]),
+        reduce=lambda part: (part.u, part.z["work"]),
     )
     u, work = (np.concatenate(each) for each in zip(*parts, strict=True))
     np.testing.assert_array_equal(u, expected.u)
-    np.testing.assert_array_equal(work, expected.quadratures["work"])
+    np.testing.assert_array_equal(work, expected.z["work"])
 
 
 def test_the_integrals_of_a_member_that_diverges_end_with_it():
     problem = eig3.Problem(
-        name="power", rhs=power, quadratures=("work",), u0=[1.0], v0=[0.0], params=(1.0,), t_span=(0.0, 200.0)
+        name="power", rhs=power, z0={"work": 0.0}, u0=[1.0], v0=[0.0], params=(1.0,), t_span=(0.0, 200.0)
     )
     stiffness = [[1.0], [-10.0]]  # the motion of the second overflows
     member = problem.ensemble(h=0.1, params=stiffness, save_every=7)[1]
@@ -193,7 +193,7 @@ def test_the_integrals_of_a_member_that_diverges_end_with_it():
     for values, expected in (
         (member.t, alone.t),
         (member.u, alone.u),
-        (member.quadratures["work"], alone.quadratures["work"]),
+        (member.z["work"], alone.z["work"]),
     ):
         np.testing.assert_allclose(values, expected, rtol=1e-11)  # some thousand operations of 1e-16
 

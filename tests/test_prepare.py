@@ -163,7 +163,7 @@ def test_integrals_are_those_of_the_problem():
     problem = problems.shear_building(work=True)
     prepared = problem.prepare(h=2.0**-10)
     run, whole = prepared((0.0, 0.125)), problem.integrate(h=2.0**-10, t_end=0.125)
-    np.testing.assert_array_equal(run.quadratures["work"], whole.quadratures["work"])
+    np.testing.assert_array_equal(run.z["work"], whole.z["work"])
     assert run.u.shape[1] == np.size(problem.u0)
 
 

@@ -63,7 +63,7 @@ def test_what_still_holds_is_kept():
 def test_a_copy_with_work_follows_the_work():
     problem = problems.rail_joint(t_end=0.01, work=True)
     moved = problem.with_(v0=problem.v0 + 0.1).integrate(h=problem.h, save_every=None)
-    assert set(moved.quadratures) == {"work"}
+    assert set(moved.z) == {"work"}
     assert moved.u.shape == (2, 4)
 
 

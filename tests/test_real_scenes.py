@@ -20,7 +20,7 @@ def test_the_change_of_energy_is_the_work_done(build):
     problem = build(work=True)
     solution = problem.integrate(h=problem.h, save_every=100)
     assert solution.success
-    work = np.ptp(solution.quadratures["work"])
+    work = np.ptp(solution.z["work"])
     assert work > 0
     assert solution.drift["energy"] < (2e-2 if build in JUMPS else 1e-3) * work
 

@@ -52,7 +52,7 @@ def assert_same(one, other, counts=COUNTS):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     for name in ("h", *counts, "status", "message", "drift", "notes", "labels"):
         assert getattr(one, name) == getattr(other, name), name
-    for each in ("outputs", "quadratures", "extremes"):
+    for each in ("outputs", "z", "extremes"):
         ours, theirs = getattr(one, each), getattr(other, each)
         assert list(ours) == list(theirs)
         for name in ours:

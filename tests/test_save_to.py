@@ -44,7 +44,7 @@ def assert_same(one, other):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     for name in ("h", "n_steps", "n_rhs", "n_iterations", "status", "message", "drift", "extremes", "notes", "labels"):
         assert getattr(one, name) == getattr(other, name), name
-    for each in ("outputs", "quadratures"):
+    for each in ("outputs", "z"):
         assert list(getattr(one, each)) == list(getattr(other, each))
         for name, values in getattr(one, each).items():
             np.testing.assert_array_equal(values, getattr(other, each)[name])

@@ -263,7 +263,7 @@ def test_the_balance_of_a_damped_and_driven_scene(method, order):
     runs = [problem.integrate(h=h, method=method, invariants_every=1) for h in (4e-3, 2e-3)]
     drifts = [run.drift["energy"] for run in runs]
     assert drifts[0] / drifts[1] > 0.8 * 2**order
-    energy, work = (problem.energy_of(runs[1].u, runs[1].v, runs[1].t), runs[1].quadratures["work"])
+    energy, work = (problem.energy_of(runs[1].u, runs[1].v, runs[1].t), runs[1].z["work"])
     assert np.ptp(energy - work) == pytest.approx(drifts[1], rel=1.0)  # of saved states, from their own mean
     assert abs(work[-1]) > 1
     without = scene.problem((0.0, 3.0)).integrate(h=2e-3, method=method)
@@ -271,7 +271,7 @@ def test_the_balance_of_a_damped_and_driven_scene(method, order):
     tolerance = 1e-10 if method == "cd" else 0.0
     np.testing.assert_allclose(runs[1].u, without.u, rtol=0, atol=tolerance)
     np.testing.assert_allclose(runs[1].v, without.v, rtol=0, atol=tolerance)
-    assert without.quadratures == {}
+    assert without.z == {}
 
 
 def damped_mass(work=True):
@@ -283,17 +283,17 @@ def damped_mass(work=True):
 
 def test_the_work_is_apart_from_the_degrees_of_freedom():
     problem, mass = damped_mass()
-    assert problem.quadratures == ("work",)
+    assert problem.z0 == {"work": 0.0}
     assert np.size(problem.u0) == 1
     solution = problem.integrate(h=1e-3, method="rk4", save_every=100)
     assert solution.u.shape == solution.v.shape == (11, 1)
-    assert solution.quadratures["work"].shape == (11,)
+    assert solution.z["work"].shape == (11,)
     speed = 3.0 / (1 + 0.25 * 3.0 * solution.t)  # exact: v' = -(drag / m) v^2
     np.testing.assert_allclose(mass.velocities(solution.v), speed, rtol=1e-12)
-    np.testing.assert_allclose(solution.quadratures["work"], speed**2 - 9, rtol=1e-10)
+    np.testing.assert_allclose(solution.z["work"], speed**2 - 9, rtol=1e-10)
     np.testing.assert_allclose(problem.energy_of(solution.u, solution.v), speed**2, rtol=1e-12)
     pickled = pickle.loads(pickle.dumps(solution))
-    np.testing.assert_array_equal(pickled.quadratures["work"], solution.quadratures["work"])
+    np.testing.assert_array_equal(pickled.z["work"], solution.z["work"])
 
 
 def test_a_problem_with_work_runs_without_it_too():
@@ -316,7 +316,7 @@ def test_a_failed_run_keeps_the_work_apart_too():
     with pytest.raises(eig3.IntegrationError) as caught:
         problem.integrate(h=0.5, raise_on_failure=True)
     assert caught.value.solution.u.shape[1] == 2
-    assert caught.value.solution.quadratures["work"].size == len(caught.value.solution.t)
+    assert caught.value.solution.z["work"].size == len(caught.value.solution.t)
 
 
 # Many links
@@ -441,7 +441,7 @@ def test_supports_with_records_of_their_own_share_code():
     assert len(code(more).splitlines()) == len(code(problem).splitlines())
     # to 0.1 %: the error of a step over a jump of a velocity is of first order
     solution = problem.integrate(h=1e-3, method="rk4")
-    assert solution.drift["energy"] < 1e-3 * np.ptp(solution.quadratures["work"])
+    assert solution.drift["energy"] < 1e-3 * np.ptp(solution.z["work"])
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,7 +80,7 @@ def test_the_loss_of_impacts_is_in_the_work(dimension):
     assert dropped(dimension).energy is None
     solution = dropped(dimension, work=True).integrate(h=1e-3)
     loss = 2.0 * G * (0.6**10 - 1)
-    assert solution.quadratures["work"][-1] == pytest.approx(loss, rel=1e-9)
+    assert solution.z["work"][-1] == pytest.approx(loss, rel=1e-9)
     assert solution.drift["energy"] < 1e-9
 
 
@@ -116,7 +116,7 @@ def test_an_impact_of_masses_keeps_their_momenta(dimension, flipped):
             spins = [m @ (x[:, i] * v[:, j] - x[:, j] * v[:, i]) for v in (before, after)]
             assert spins[1] == pytest.approx(spins[0], abs=1e-15)
     reduced = m.prod() / m.sum()
-    assert solution.quadratures["work"][-1] == pytest.approx((0.8**2 - 1) * reduced * rates[0] ** 2 / 2, rel=1e-12)
+    assert solution.z["work"][-1] == pytest.approx((0.8**2 - 1) * reduced * rates[0] ** 2 / 2, rel=1e-12)
 
 
 @eig3.jit
@@ -134,7 +134,7 @@ def test_a_wall_that_moves_drives_a_mass_away(side):
     solution = scene.problem((0.0, 3.0), work=True).integrate(h=1e-2)
     assert solution.events["mass impact 0"].t == pytest.approx([1.5], abs=1e-12)
     assert solution.v[-1] == pytest.approx(side * 1.4 * 0.5, rel=1e-14)
-    assert solution.quadratures["work"][-1] == pytest.approx(1.5 * 0.7**2, rel=1e-14)
+    assert solution.z["work"][-1] == pytest.approx(1.5 * 0.7**2, rel=1e-14)
 
 
 # Cables and strings
@@ -195,7 +195,7 @@ def test_a_string_breaks_at_its_strength(run):
     fall = 1.0 - t
     height = -1.0 - stretch - G / omega * math.sin(omega * t) * fall - G / 2 * fall**2
     assert ball.positions(solution.u)[-1, 1] == pytest.approx(height, abs=1e-8)
-    assert solution.quadratures["work"][-1] == pytest.approx(-(30.0**2) / (2 * 200.0), rel=1e-9)
+    assert solution.z["work"][-1] == pytest.approx(-(30.0**2) / (2 * 200.0), rel=1e-9)
     assert solution.drift["energy"] < 1e-7
 
 

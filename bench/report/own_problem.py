@@ -187,8 +187,8 @@ def _judged(problem: Problem) -> tuple[Problem, list[str]]:
     changes: dict[str, Any] = {"events": acting} if len(acting) < len(problem.events) else {}
     skipped = []
     if problem.energy is not None:
-        start = float(problem.energy_of(problem.u0, problem.v0))
-        if problem.quadratures:
+        start = float(problem.energy_of(problem.u0, problem.v0, z=problem.z0 or None))
+        if "work" in problem.z0:
             skipped.append("the energy (it changes by the work)")
         elif acting:
             skipped.append("the energy (events may take some of it)")

@@ -28,7 +28,7 @@ class MemberErrors:
     Attributes
     ----------
     largest : dict of str to ndarray, shape (m,)
-        The largest absolute error of u, v, and each output, quadrature, invariant and event time, by name.
+        The largest absolute error of u, v, and each output, first-order unknown, invariant and event time, by name.
     order : ndarray, shape (m,)
         The order that each member shows; NaN if it is not known.
     reliable_until : ndarray, shape (m,)

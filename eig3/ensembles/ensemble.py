@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.checks import check_cancel, check_count, check_flag, check_span
 from ..functions.events import Event
+from ..functions.first_order import NONE, FirstOrder, check_z0
 from ..functions.layout import bound_layout
 from ..functions.named import has_names
 from ..kernels.compile.interrupt import keeping, with_solution
@@ -73,7 +74,8 @@ def ensemble(
     progress: bool = False,
     cancel: Cancel | None = None,
     save_to: str | PathLike[str] | None = None,
-    quadratures: Sequence[str] = (),
+    z0: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    first_order: FirstOrder = NONE,
     labels: Labels | None = None,
     **refused: Any,
 ) -> Any:
@@ -108,8 +110,10 @@ def ensemble(
         returns what you need of it, where the part ran. With an executor, it and what it returns must be picklable.
     save_to : str or path
         A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it.
-    quadratures, labels
-        Set by `Problem.ensemble`: names of the last degrees of freedom, whose velocities are quadratures; labels.
+    z0 : array_like, shape (k,) or (m, k); or dict of str to array_like, shape () or (m,)
+        First-order unknowns at the first time.
+    first_order, labels
+        Set by `Problem.ensemble`: first-order unknowns, whose values are the last of u0 and v0; and labels.
     **refused
         Options of single runs, for which an ensemble raises an error.
 
@@ -150,6 +154,10 @@ def ensemble(
         check_cancel(cancel)
     if reduce is not None and save_to is not None:
         raise ValueError("reduce and save_to exclude each other: save_to keeps the states that reduce drops.")
+    if z0 is not None or not first_order:
+        first_order, z = check_z0(rhs, z0, of_members=True)
+        if first_order:
+            (u0, v0), rhs = first_order.start(u0, v0, z), first_order.bind_rhs(rhs)
     named_params = params
     if has_names(params):
         params, one = split(rhs, params, check_span(t_span)[0], u0, v0, 0.0 if h is None else h)
@@ -172,7 +180,7 @@ def ensemble(
             h_max=h_max,
             first_step=first_step,
             max_steps=max_steps,
-            quadratures=tuple(quadratures),
+            first_order=first_order,
             labels=labels,
         )
         options = of_members(rhs, members, options)

@@ -94,7 +94,7 @@ class Histories:
             for place in np.flatnonzero(~complete):
                 member = int(chosen[place])
                 t = self.members.t_span[0] + index * float(self.members.steps[member])
-                last: dict[str, Any] = {"t": t, "quadratures": {}}
+                last: dict[str, Any] = {"t": t, "z": {}}
                 last["u"], last["v"] = (self.shaped(x[:, place].copy()) for x in (u, v))
                 last["outputs"] = {name: self._valued(name, x[:, place].copy()) for name, x in outputs.items()}
                 self.last[member] = last
@@ -128,7 +128,7 @@ class Histories:
     def take(self, member: int, solution: Solution) -> None:
         """Store the result of a member that ran alone."""
         t, u, v = whole_rows(solution, self.members.n)
-        states = {"t": t, "u": u, "v": v, "steps": solution.steps, "outputs": solution.outputs, "quadratures": {}}
+        states = {"t": t, "u": u, "v": v, "steps": solution.steps, "outputs": solution.outputs, "z": {}}
         rows = len(t)
         self.last.pop(member, None)  # from the same member in lanes
         if self.options.has_own_times:
@@ -203,7 +203,7 @@ class Histories:
     def note_events(self, member: np.ndarray, rows: np.ndarray) -> None:
         """Store occurrences of members that ran in lanes, from the rows of a log: see `eig3.kernels.protocol.Watch`."""
         n = self.members.n
-        states = rows[:, 2:].reshape(len(rows), 4, n)[..., : n - len(self.options.quadratures)]
+        states = rows[:, 2:].reshape(len(rows), 4, n)[..., : n - self.options.first_order.size]
         for k, name in enumerate(self.events):
             mine = rows[:, 0] == k
             found = (self.shaped(states[mine, i]) for i in range(4))
@@ -244,7 +244,7 @@ class Histories:
         again: Callable[..., EnsembleSolution] | None,
     ) -> EnsembleSolution:
         """Return the result of the ensemble, or of its part."""
-        rows, degrees = slice(self._longest), self.u.shape[2] - len(self.options.quadratures)
+        rows, degrees = slice(self._longest), self.u.shape[2] - self.options.first_order.size
         shape = () if self.members.form is SCALAR else (degrees,)
         extremes = {name: each(partial(self._valued, name), x) for name, x in self.extremes.items()}
         solution = EnsembleSolution(
@@ -266,8 +266,8 @@ class Histories:
             _repeat=repeat,
             _again=again,
         )
-        if self.options.quadratures:
-            solution._separate(self.options.quadratures)
+        if self.options.first_order:
+            solution._separate(self.options.first_order)
         return solution
 
     @property

@@ -64,8 +64,7 @@ class Run:
                 raise
 
     def _at_start(self, i: int) -> March:
-        start = self.members.start(i, len(self.options.quadratures))
-        return self._single.prepared(i).at_start(self.members.t_span, *start)
+        return self._single.prepared(i).at_start(self.members.t_span, *self.members.start(i))
 
     def _work(self) -> list[Alone]:
         shared, note = in_lanes(self.rhs, self._callback, self.histories, self._single, self.threads)

@@ -82,10 +82,9 @@ class Members:
             first=self.first + chosen.start,
         )
 
-    def start(self, i: int, n_quadratures: int = 0) -> tuple[Any, Any, np.ndarray]:
-        """Return u0 and v0 of member i, without the quadratures (the last degrees of freedom), and its parameters."""
-        n = self.n - n_quadratures
-        u, v = (float(x[i, 0]) if self.form is SCALAR else x[i, :n] for x in (self.u0, self.v0))
+    def start(self, i: int) -> tuple[Any, Any, np.ndarray]:
+        """Return u0, v0 and the parameters of member i."""
+        u, v = (float(x[i, 0]) if self.form is SCALAR else x[i] for x in (self.u0, self.v0))
         return u, v, self.params[i] if self.has_own_params else self.params
 
     def until(self, t_end: float) -> Members:

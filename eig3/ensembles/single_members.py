@@ -53,8 +53,7 @@ class Singles:
 
     def __call__(self, i: int, cancel: Cancel | None = None) -> Solution:
         """Integrate member i."""
-        start = self._members.start(i, len(self._options.quadratures))
-        return self.prepared(i).member(self._members.t_span, *start, cancel)
+        return self.prepared(i).member(self._members.t_span, *self._members.start(i), cancel)
 
     def _prepared(self, h: float | None, method: Method) -> Prepared:
         return Prepared(self._rhs, self._members.form, self._options._replace(h=h, method=method))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import collections
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from os import PathLike
@@ -18,12 +18,13 @@ from ..functions.callbacks import check_callback
 from ..functions.companions import history_of
 from ..functions.evaluation import accelerations
 from ..functions.extremes import Extremes
+from ..functions.first_order import FirstOrder, check_z0, is_bound
 from ..functions.guard import guarded
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR
 from ..methods import Method
 from ..result import frames
-from ..result.columns import OF_RUNS, OF_STATES, each, separated
+from ..result.columns import OF_RUNS, OF_STATES, each
 from ..result.labels import Labels
 from ..result.solution import Reason, Solution, Status
 from ..stepping.march import Cancel
@@ -75,8 +76,8 @@ class EnsembleSolution:
         Time in the kernels, s, summed over the threads, without compilation.
     method : Method
         The method as it was requested.
-    quadratures : dict of str to ndarray, shape (m, s)
-        Integrals over time, such as "work" in J.
+    z : dict of str to ndarray, shape (m, s) or (m, s, k)
+        The first-order unknowns, by the names of z0.
     events : dict of str to MemberOccurrences
         The occurrences of each event: `member`, `t`, `u`, `v`, `u_after` and `v_after` in the order of members and
         times, and `first`, the time of the first occurrence in each member, of shape (m,), or NaN.
@@ -112,7 +113,7 @@ class EnsembleSolution:
     first: int = 0
     kernel_seconds: float = 0.0
     notes: tuple[str, ...] = ()
-    quadratures: dict[str, np.ndarray] = field(default_factory=dict)
+    z: dict[str, np.ndarray] = field(default_factory=dict)
     events: dict[str, MemberOccurrences] = field(default_factory=dict)
     n_rejected: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     n_invariants: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -140,7 +141,10 @@ class EnsembleSolution:
         found = np.full(self.u.shape, np.nan)
         for i, count in enumerate(self._n_rows()):
             rows = slice(count)
-            found[i, rows] = self._accelerations_of(i)(self.t[i, rows], self.u[i, rows], self.v[i, rows])
+            if is_bound(self._rhs):
+                found[i, rows] = self[i].a[rows]  # type: ignore[index]
+            else:
+                found[i, rows] = self._accelerations_of(i)(self.t[i, rows], self.u[i, rows], self.v[i, rows])
         return found
 
     def __len__(self) -> int:
@@ -161,7 +165,7 @@ class EnsembleSolution:
         fields |= {name: each(lambda x: x.item(i) if x.ndim == 1 else x[i], getattr(self, name)) for name in OF_RUNS}
         for name, last in self._last.get(i, {}).items():  # save_every does not include the last finite state
             fields[name] = each(lambda x, y: np.append(x, [y], axis=0), fields[name], last)
-        return Solution(
+        member = Solution(
             **fields,
             kernel_seconds=self.kernel_seconds * float(self.n_steps[i] / max(1, self.n_steps.sum())),
             method=self.method.of_member(self.first + i),
@@ -171,6 +175,8 @@ class EnsembleSolution:
             reason=self._reason(i),
             _accelerations=self._accelerations_of(i),
         )
+        member._reads_z = is_bound(self._rhs)
+        return member
 
     def _n_rows(self, chosen: slice = slice(None)) -> np.ndarray:
         """Return the number of finite saved states of some members; all finite states come first."""
@@ -309,15 +315,16 @@ class EnsembleSolution:
         for name, value in given.items():
             if value is not None:
                 raise ValueError(f"{name} is for single runs: a loaded ensemble cannot be continued.")
-        self._rhs = rhs
+        unknowns, _ = check_z0(rhs, {name: x[0, 0] for name, x in self.z.items()} or None)
+        self._rhs = unknowns.bind_rhs(rhs)
         return self
 
-    def _separate(self, names: Sequence[str]) -> None:
-        """Move the last degrees of freedom, whose velocities are quadratures with these names, to `quadratures`."""
-        self.u, self.v, self.quadratures = separated(self.u, self.v, names)
+    def _separate(self, unknowns: FirstOrder) -> None:
+        """Move first-order unknowns, which are the velocities of the last degrees of freedom, to `z`."""
+        self.u, self.v, self.z = unknowns.separated(self.u, self.v)
         for i, last in self._last.items():
-            states = separated(last["u"], last["v"], names)
-            self._last[i] = last | dict(zip(("u", "v", "quadratures"), states, strict=True))
+            states = unknowns.separated(last["u"], last["v"])
+            self._last[i] = last | dict(zip(("u", "v", "z"), states, strict=True))
 
     def _place(self, part: EnsembleSolution) -> None:
         """Store the results of some of the members, from member `part.first` on."""

@@ -24,7 +24,7 @@ class Series:
     t, values, sigma : ndarray, shape (m,)
         Times, measured values (NaN if missing), and standard deviations of their noise.
     group, key : str
-        Where the quantity is in a `Solution`: "u" or "v", or the name among the outputs or the quadratures.
+        Where the quantity is in a `Solution`: "u" or "v", or the name among the outputs or in z.
     column : int or None
         The column of the quantity; None if there is only one column.
     """
@@ -93,7 +93,7 @@ def _quantities(problem: Problem, outputs: Mapping[str, Any]) -> dict[str, tuple
         else:
             known |= {f"{letter}{j}": (place, ()) for j, place in enumerate(places)}
         known |= {problem.labels.name(letter, j): (places[j], ()) for j in range(n) if problem.names}
-    known |= {name: ({"group": "quadratures", "key": name}, ()) for name in problem.quadratures}
+    known |= {name: ({"group": "z", "key": name}, np.shape(x)) for name, x in problem.z0.items()}
     for name, output in outputs.items():
         known[name] = {"group": "outputs", "key": name}, (output[1],) if isinstance(output, tuple) else ()
     return known

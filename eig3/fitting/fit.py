@@ -89,7 +89,7 @@ class Fit:
         path : str or path
             The file, whose suffix sets the format, such as ".png" or ".svg".
         units : dict of str to str
-            Units of outputs and quadratures by name, such as ``{"force": "N"}``. The problem has the units of u and v.
+            Units of outputs and z by name, such as ``{"force": "N"}``. The problem has the units of u and v.
 
         Returns
         -------
@@ -140,7 +140,7 @@ def fit(
     data : (times, values); or dict of str to (times, values); or pandas.Series or pandas.DataFrame
         Values of u, of shape (m,), or (m, n) for n degrees of freedom. Or time series by name, each with separate
         times: "u" or "v" with one degree of freedom, "u0", "v1" or the problem's names with several, outputs and
-        quadratures. In a pandas table, the index has the times, and the columns have these names. NaN marks a missing
+        z. In a pandas table, the index has the times, and the columns have these names. NaN marks a missing
         value.
     parameters : str or sequence of str; or dict of str to float
         Names as for `eig3.sensitivities`. The first values come from the dictionary, or from the problem.

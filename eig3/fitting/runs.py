@@ -15,7 +15,7 @@ from ..result.interpolation import Knots
 from ..result.solution import Solution
 from ..run.chunks import IntegrationError
 from .places import Place, said, varied
-from .resampling import resampled
+from ..result.resampling import resampled
 from .series import History
 
 
@@ -90,14 +90,14 @@ class Runs:
 def history(members: EnsembleSolution, times: np.ndarray | None) -> History:
     """Return the histories of completed members, at the saved times or at other times between them.
 
-    u and v are interpolated as by `Solution.at`, outputs and quadratures by `resampled`.
+    u and v are interpolated as by `Solution.at`, outputs and z by `resampled`.
     """
     if times is None:
-        return History(members.u, members.v, members.outputs, members.quadratures)
+        return History(members.u, members.v, members.outputs, members.z)
     members[0].at(times)  # this warns if the saved states are too far apart
     values = (
         {name: resampled(members.t[0], x, times) for name, x in group.items()}
-        for group in (members.outputs, members.quadratures)
+        for group in (members.outputs, members.z)
     )
     return History(*_states_at(members, times), *values)
 

@@ -87,7 +87,7 @@ def sensitivities(
     Parameters
     ----------
     problem : Problem
-        Without events. Its quadratures have derivatives too.
+        Without events. Its first-order unknowns have derivatives too.
     parameters : str or sequence of str
         Names of parameters: "k", an entry "k[2]" of an array, "p[3]" if the parameters have no names; and entries
         "u0[1]" and "v0[0]" of the initial values, or "u0" and "v0" with one degree of freedom.
@@ -95,7 +95,7 @@ def sensitivities(
         As for `Problem.integrate`.
     t_eval : array_like, shape (s,)
         The times of the derivatives. u and v are interpolated between the saved states as by `Solution.at`, outputs and
-        quadratures by polynomials through six saved values.
+        z by polynomials through six saved values.
     steps : dict of str to float
         Steps d by name, rounded down to powers of two. By default d is 2^-12 of the size of the value. For a value of
         zero, this is the size of the largest entry of its named array, for an initial value the size of the motion, and

@@ -116,7 +116,7 @@ _ARGUMENTS = {
 }
 _INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
 
-PLACE_OF_P = 3  # among the arguments of a function
+PLACE_OF_V, PLACE_OF_P = 2, 3  # among the arguments of a function
 
 # The references are weak, to free the memory of functions that are no longer used.
 _checked: WeakKeyDictionary[Jitted, dict[tuple[str, str], Callback]] = WeakKeyDictionary()
@@ -198,13 +198,13 @@ def _renew(function: Jitted) -> None:
 def _with_present_globals(function: Any) -> Callable:
     """Return a copy of the Python function whose globals do not change.
 
-    The binding to named parameters is inlined in the copy, which can then run in lanes.
+    The bindings to named parameters and to first-order unknowns are inlined in the copy, which can then run in lanes.
     """
     f = function.py_func
     copy = types.FunctionType(f.__code__, dict(f.__globals__), f.__name__, f.__defaults__, f.__closure__)
-    if hasattr(f, "named"):
-        inner = _with_present_globals(f.named)
-        copy.__globals__["function_of_names"] = numba.jit(inner, **{**options_of(f.named), "inline": "always"})
+    if hasattr(f, "inner"):
+        inner = _with_present_globals(f.inner)
+        copy.__globals__["inner_function"] = numba.jit(inner, **{**options_of(f.inner), "inline": "always"})
     copy.__kwdefaults__, copy.__module__ = f.__kwdefaults__, f.__module__
     return copy
 
@@ -264,7 +264,7 @@ def compile_for_own_arrays(function: Any, kind: str, form: Form) -> None:
 
 def reads_velocity(function: Any) -> bool:
     """Return False if a right-hand side certainly does not read its third argument, v."""
-    return _reads(function, 2)
+    return _reads(function, PLACE_OF_V)
 
 
 def reads_time(function: Any) -> bool:
@@ -279,7 +279,11 @@ def _reads(function: Any, place: int) -> bool:
     instruction that names the variable.
     """
     function = getattr(function, "py_func", function)
-    code = getattr(getattr(function, "named", function), "py_func", function).__code__
+    while hasattr(function, "inner"):
+        if hasattr(function, "reads_z") and place == PLACE_OF_V:  # first-order unknowns are velocities in a kernel
+            return True
+        function = function.inner.py_func
+    code = function.__code__
     if code.co_argcount <= place:
         return True
     name = code.co_varnames[place]
@@ -289,7 +293,10 @@ def _reads(function: Any, place: int) -> bool:
 
 def attributes_of(function: Any, place: int) -> list[str]:
     """Return the attributes that the bytecode of a function reads of its argument at a place."""
-    code = getattr(function, "py_func", function).__code__
+    function = getattr(function, "py_func", function)
+    if hasattr(function, "reads_z"):
+        function, place = function.inner.py_func, place + function.reads_z
+    code = function.__code__
     found: list[str] = []
     variable, last = code.co_varnames[place] if place < code.co_argcount else "", None
     for instruction in dis.get_instructions(code):

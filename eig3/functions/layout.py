@@ -153,7 +153,7 @@ class Layout:
             return (self.bind(function[0]), *function[1:])
         if isinstance(function, Event):
             return dataclasses.replace(function, g=self.bind(function.g), apply=self.bind(function.apply))
-        if not isinstance(function, Jitted) or hasattr(function.py_func, "named") or hasattr(function, "callback"):
+        if not isinstance(function, Jitted) or bound_layout(function) or hasattr(function, "callback"):
             return function
         known = _bound.setdefault(function, {})
         if self not in known:
@@ -181,11 +181,11 @@ class Layout:
                 raise unknown_name(f"{function.__name__} reads {p}.{name}, but params has", name, self.names)
         lines = [f"def {function.__name__}({', '.join(arguments)}):", *self._views(p)]
         given = [*arguments[:PLACE_OF_P], self._tuple, *arguments[PLACE_OF_P + 1 :]]
-        text = "\n    ".join([*lines, f"return function_of_names({', '.join(given)})", ""])
-        names = {**self._names, "function_of_names": function, "__name__": function.py_func.__module__}
+        text = "\n    ".join([*lines, f"return inner_function({', '.join(given)})", ""])
+        names = {**self._names, "inner_function": function, "__name__": function.py_func.__module__}
         defined = define(text, "named", names)[function.__name__]
         defined.__wrapped__ = function.py_func  # checks and errors then show the arguments of the user
-        defined.named, defined.layout = function, self  # these are pickled with the Python function
+        defined.inner, defined.layout = function, self  # these are pickled with the Python function
         return jit(defined)
 
     @property

@@ -95,7 +95,7 @@ class Pilots:
     compiling : float
         The compilation time, s.
     at_start : tuple
-        u and v at the start of the span, with the quadratures.
+        u and v at the start of the span, with first-order unknowns where they are needed.
     """
 
     def __init__(self, problem: Problem, metric: str, aim: float) -> None:
@@ -112,8 +112,9 @@ class Pilots:
         self._growth: float | None = None  # ratio of the errors over the whole span and in the window, if known
         self._largest = math.inf  # a motion that is larger is unstable
         self._sizes = -np.ones(2)  # the largest |u| and |v| of the motion; negative if none is known
-        zeros = np.zeros(0 if self.needs_reference else len(problem.quadratures))
-        u0, v0 = (np.append(x, zeros) if zeros.size else x for x in (problem.u0, problem.v0))
+        u0, v0 = problem.u0, problem.v0
+        if problem.z0 and (problem.unknowns.is_read or not self.needs_reference):
+            u0, v0 = problem.start
         u0, v0, self._form = check_state(u0, v0)
         self.at_start = u0, v0
         most = min(_STATES, max(FEWEST, _VALUES // np.size(problem.u0)))
@@ -405,8 +406,8 @@ class Pilots:
         return window.integrate(method=method, max_steps=most, **options)
 
     def _motion(self, x: Any) -> Any:
-        """Return u or v without the quadratures."""
-        return x[..., : np.size(self.problem.u0)] if self.problem.quadratures else x
+        """Return u or v without first-order unknowns."""
+        return x[..., : np.size(self.problem.u0)] if self.problem.z0 else x
 
     def _sizes_of(self, history: History) -> np.ndarray:
         return np.array([np.abs(self._motion(x)).max() for x in (history.u, history.v)])

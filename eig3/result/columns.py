@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,7 +43,7 @@ COLUMNS = (
     Column("v", shape=DEGREES, of_states=True),
     Column("steps", of_states=True),
     Column("outputs", shape=ANY, of_states=True, by_name=True),
-    Column("quadratures", of_states=True, by_name=True),
+    Column("z", shape=ANY, of_states=True, by_name=True),
     Column("h"),
     Column("n_steps", int),
     Column("n_rhs", int),
@@ -70,10 +70,3 @@ def each(function: Callable[..., Any], value: Any, *others: Any) -> Any:
         return {name: each(function, x, *(other[name] for other in others)) for name, x in value.items()}
     return function(value, *others)
 
-
-def separated(
-    u: np.ndarray, v: np.ndarray, names: Sequence[str]
-) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Return u and v without the last degrees of freedom, whose velocities are the quadratures with these names."""
-    n = u.shape[-1] - len(names)
-    return u[..., :n], v[..., :n], {name: v[..., n + k] for k, name in enumerate(names)}

@@ -45,7 +45,7 @@ class ErrorEstimate:
         The times of the saved states.
     u, v : ndarray, shape (m,) or (m, n)
         NaN after the end of the compared run, if it ended before.
-    outputs, quadratures : dict of str to ndarray
+    outputs, z : dict of str to ndarray
         As in the solution. With tolerances, outputs have an error in runs with `t_eval` only.
     drift : dict of str to float
     extremes : dict of str to Extremes
@@ -68,7 +68,7 @@ class ErrorEstimate:
     v: np.ndarray
     by: str
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
-    quadratures: dict[str, np.ndarray] = field(default_factory=dict)
+    z: dict[str, np.ndarray] = field(default_factory=dict)
     drift: dict[str, float] = field(default_factory=dict)
     extremes: dict[str, Extremes] = field(default_factory=dict)
     events: dict[str, np.ndarray] = field(default_factory=dict)
@@ -79,8 +79,8 @@ class ErrorEstimate:
 
     @property
     def largest(self) -> dict[str, float]:
-        """The largest absolute error of u, v, and each output, quadrature, invariant and event time, by name."""
-        arrays = {"u": self.u, "v": self.v, **self.outputs, **self.quadratures, **self.drift, **self.events}
+        """The largest absolute error of u, v, and each output, first-order unknown, invariant and event time, by name."""
+        arrays = {"u": self.u, "v": self.v, **self.outputs, **self.z, **self.drift, **self.events}
         return {name: _largest(values) for name, values in arrays.items()}
 
     def __str__(self) -> str:
@@ -197,8 +197,8 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
         v=errors(solution.v, fine.v),
         by=fine.name if coarse is None else f"{fine.name} and {coarse.name}",
         outputs={name: errors(x, other.outputs[name][own]) for name, x in solution.outputs.items() if at_states},
-        quadratures={
-            name: errors(x, other.quadratures[name][own]) for name, x in solution.quadratures.items() if at_states
+        z={
+            name: errors(x, other.z[name][own]) for name, x in solution.z.items() if at_states
         },
         drift={name: factor * (x - other.drift[name]) for name, x in solution.drift.items()},
         extremes={

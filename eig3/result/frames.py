@@ -117,7 +117,7 @@ def _columns(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
         labels = _labels(solution, values.shape[1])
         for i, column in enumerate(values.T):
             yield labels.name(letter, i), column
-    for name, values in (*solution.outputs.items(), *solution.quadratures.items()):
+    for name, values in (*solution.outputs.items(), *solution.z.items()):
         yield from _named(name, values)
 
 
@@ -144,7 +144,7 @@ def _dataset(
     further: dict[str, Any],
     attributes: dict[str, Any],
 ) -> Any:
-    """Return u, v, outputs and quadratures over `axes`, and in the vector form over "dof", with `further` variables."""
+    """Return u, v, outputs and z over `axes`, and in the vector form over "dof", with `further` variables."""
     xarray = _module("xarray")
     has_degrees = solution.u.ndim > len(axes)
     n = solution.u.shape[-1] if has_degrees else 1
@@ -152,7 +152,7 @@ def _dataset(
     if has_degrees:
         coordinates["dof"] = list(labels.names) or np.arange(n)
     variables = [*_states(solution, (*axes, "dof") if has_degrees else axes, n), *further.items()]
-    for name, values in (*solution.outputs.items(), *solution.quadratures.items()):
+    for name, values in (*solution.outputs.items(), *solution.z.items()):
         variables.append((name, (axes if values.ndim == len(axes) else (*axes, f"{name} component"), values)))
     dataset = xarray.Dataset(_distinct([*coordinates.items(), *variables]), attrs=attributes)
     return dataset.set_coords([*coordinates])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,14 @@ from numpy.typing import ArrayLike
 from ..functions.checks import reals
 from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
+from ..functions.first_order import FirstOrder
 from ..kernels.compile.interrupt import keeping, with_solution
 from ..methods import Method
 from . import frames, storage
-from .columns import separated
 from .error_estimate import ErrorEstimate
 from .interpolation import Knots
 from .labels import Labels
+from .resampling import resampled
 from .resolution import Resolution
 from .soundness import check_run
 from .status import Status
@@ -36,7 +37,7 @@ _NO_STATES = "the run ended before the first time of t_eval"
 #: A function that finds the reason why a run failed, and describes it.
 Reason = Callable[[], str]
 #: The fields that a copy, a pickle and a file do not keep.
-TRANSIENT = ("error", "reason", "_accelerations", "_extend", "_between", "_knots", "_whole", "_later")
+TRANSIENT = "error", "reason", "_accelerations", "_extend", "_between", "_knots", "_whole", "_reads_z", "_later"
 
 
 @dataclass(repr=False, eq=False)
@@ -76,8 +77,8 @@ class Solution:
     notes : tuple of str
         Sentences that the user should read, such as that an invariant grows steadily, that the solver of an implicit
         method was changed, or that the method has a short limit with a force that reads the velocity.
-    quadratures : dict of str to ndarray, shape (m,)
-        Integrals over time, such as "work" in J, at the saved times.
+    z : dict of str to ndarray, shape (m,) or (m, k)
+        The first-order unknowns at the saved times, by the names of z0; the name is "z" if z0 has no names.
     events : dict of str to Occurrences
         The occurrences of each event: `t`, `u`, `v`, and `u_after`, `v_after`.
     outputs : dict of str to ndarray, shape (m,) or (m, k)
@@ -111,7 +112,7 @@ class Solution:
     drift: dict[str, float] = field(default_factory=dict)
     extremes: dict[str, Extremes] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default_factory=tuple)
-    quadratures: dict[str, np.ndarray] = field(default_factory=dict)
+    z: dict[str, np.ndarray] = field(default_factory=dict)
     events: dict[str, Occurrences] = field(default_factory=dict)
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
     n_rejected: int = 0
@@ -120,7 +121,7 @@ class Solution:
     labels: Labels | None = None
     error: ErrorEstimate | None = None
     reason: Reason | None = None
-    _accelerations: functools.partial[np.ndarray] | None = None  # of the right-hand side and its parameters
+    _accelerations: partial[np.ndarray] | None = None  # of the right-hand side and its parameters
     _extend: Callable[..., Any] | None = None  # returns the checked run at its end, which can continue
     _between: Callable[..., tuple[np.ndarray, np.ndarray]] | None = None
     _explanation: str = ""
@@ -130,6 +131,7 @@ class Solution:
     _knots: tuple[Knots, Resolution] | None = field(default=None, init=False)
     _later: Any = field(default=None, init=False)  # functions that compute fields when they are read, by name
     _whole: tuple[np.ndarray, np.ndarray] | None = field(default=None, init=False)  # u and v before `_separate`
+    _reads_z: bool = field(default=False, init=False)  # whether the accelerations depend on z
 
     @classmethod
     def _of(cls, fields: dict[str, Any], later: dict[str, Callable[[], Any]]) -> Solution:
@@ -234,9 +236,18 @@ class Solution:
         the accelerations that were found when it was copied or saved. None without a right-hand side. An exception in
         the right-hand side is raised.
         """
-        if self._a is None and self._accelerations is not None:
-            self._a, self._a_jumps = np.split(self._accelerations(*self._states()), [len(self.t)])
+        evaluate = self._evaluate
+        if self._a is None and evaluate is not None:
+            self._a, self._a_jumps = np.split(evaluate(*self._states()), [len(self.t)])
         return self._a
+
+    @property
+    def _evaluate(self) -> Callable[..., np.ndarray] | None:
+        """The accelerations as a function of t, u and v within the span; z is interpolated."""
+        if self._accelerations is None or not self._reads_z:
+            return self._accelerations
+        z = np.column_stack([x.reshape(len(self.t), -1) for x in self.z.values()])
+        return partial(_accelerations_with_z, self._accelerations, self.t, z)
 
     @property
     def _params(self) -> np.ndarray | None:
@@ -282,6 +293,50 @@ class Solution:
         The accelerations are `a`. Where they are not known or not finite, a cubic polynomial matches u and v: its
         errors are of the orders 4 and 3.
         """
+        times = self._within_span(t)
+        self._warn_of_distant_states(times.ravel())
+        return self._interpolated(times)
+
+    def z_at(self, t: ArrayLike) -> dict[str, Any]:
+        """Interpolate the first-order unknowns between the saved states.
+
+        Parameters
+        ----------
+        t : float or array_like
+            Times between the first and the last saved state.
+
+        Returns
+        -------
+        dict of str to float or ndarray
+            Each value has the shape ``t.shape``, or ``t.shape + (k,)``.
+
+        Raises
+        ------
+        ValueError
+            If a time is outside the span, or is NaN, or if no state was saved.
+
+        Notes
+        -----
+        Polynomials match the values at the six nearest saved times, and do not span a jump of the state: the errors are
+        of the order 6 in the time between saved states. After a run by RK8 with tolerances, and with every state saved,
+        they come from its continuous extension instead.
+        """
+        times = self._within_span(t)
+        if self._between is not None and self._whole and len(self.t) > 1:
+            v = self._between(self.t, *self._whole, times.ravel())[1]
+            place, found = self.u.shape[1], {}
+            for name, x in self.z.items():
+                size = x[0].size
+                found[name] = v[:, place : place + size].reshape(times.shape + x.shape[1:])[()]
+                place += size
+            return found
+        return {
+            name: resampled(self.t, x[None], times.ravel())[0].reshape(times.shape + x.shape[1:])[()]
+            for name, x in self.z.items()
+        }
+
+    def _within_span(self, t: ArrayLike) -> np.ndarray:
+        """Return checked times."""
         times = reals(t, "t")
         if times.size and not len(self.t):
             raise ValueError(
@@ -289,13 +344,14 @@ class Solution:
             )
         if times.size and not (self.t[0] <= times.min() and times.max() <= self.t[-1]):
             raise ValueError(f"t must lie within the span of the solution, {self.t[0]:g} to {self.t[-1]:g}.")
-        self._warn_of_distant_states(times.ravel())
-        return self._interpolated(times)
+        return times
 
     def _interpolated(self, times: np.ndarray) -> tuple[Any, Any]:
         if self._between is not None and len(self.t) > 1:
-            u, v = self._between(self.t, self.u, self.v, times.ravel())
-            return u.reshape(times.shape + self.u.shape[1:])[()], v.reshape(times.shape + self.v.shape[1:])[()]
+            states = self._between(self.t, *((self._reads_z and self._whole) or (self.u, self.v)), times.ravel())
+            shape = self.u.shape[1:]
+            u, v = (x[:, : shape[0]] if shape else x for x in states)
+            return u.reshape(times.shape + shape)[()], v.reshape(times.shape + shape)[()]
         return self._interpolation[0].at(times, self._knots_of_a_polynomial)
 
     @property
@@ -305,8 +361,8 @@ class Solution:
             knots = self._all_knots()
             # not a method of this object: with a reference cycle, its arrays would stay until the garbage collector
             # runs
-            steps = functools.partial(_steps_to, self.t, self.h, self.steps)
-            self._knots = knots, Resolution(knots, self._knots_of_a_polynomial, self._accelerations, steps)
+            steps = partial(_steps_to, self.t, self.h, self.steps)
+            self._knots = knots, Resolution(knots, self._knots_of_a_polynomial, self._evaluate, steps)
         return self._knots
 
     @property
@@ -396,10 +452,10 @@ class Solution:
         """The state from which the run can continue, in numbers, texts and arrays; None if it cannot."""
         return self._resume() if callable(self._resume) else self._resume
 
-    def _separate(self, names: Sequence[str]) -> None:
-        """Move the last degrees of freedom, whose velocities are quadratures with these names, to `quadratures`."""
-        self._whole = self.u, self.v
-        self.u, self.v, self.quadratures = separated(*self._whole, names)
+    def _separate(self, unknowns: FirstOrder) -> None:
+        """Move first-order unknowns, which are the velocities of the last degrees of freedom, to `z`."""
+        self._whole, self._reads_z = (self.u, self.v), unknowns.is_read
+        self.u, self.v, self.z = unknowns.separated(*self._whole)
         n = self.u.shape[1]
         self.events = {name: occurrences.of(slice(n)) for name, occurrences in self.events.items()}
 
@@ -436,7 +492,7 @@ class Solution:
         if self._a is not None:
             a = self._a if order is None else np.concatenate([self._a, self._a_jumps])[order]
             return a.__getitem__
-        evaluate = self._accelerations
+        evaluate = self._evaluate
         if evaluate is None:
             return None
 
@@ -482,7 +538,7 @@ class Solution:
         -------
         pandas.DataFrame
             The index is t. The columns are the displacements u0, u1, ... and the velocities v0, v1, ..., or x0 and v_x0
-            if the degree of freedom has the name x0, then the outputs and the quadratures. ``attrs["units"]`` has the
+            if the degree of freedom has the name x0, then the outputs and z. ``attrs["units"]`` has the
             known units by column. Other `attrs` are status, message, method and h.
 
         Raises
@@ -501,7 +557,7 @@ class Solution:
         -------
         xarray.Dataset
             With the variables u and v, over the coordinate t and, in the vector form, the names of the degrees of
-            freedom in the coordinate dof; then the outputs and the quadratures. u and v have the attribute units, one
+            freedom in the coordinate dof; then the outputs and z. u and v have the attribute units, one
             or a list, where they are known. The attributes of the dataset are status, message, method and h.
 
         Raises
@@ -553,17 +609,29 @@ storage.KINDS[storage.RUN] = _loaded
 
 
 def whole_rows(solution: Solution, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return t, u and v of the saved states with all n degrees of freedom, including the quadratures.
+    """Return t, u and v of the saved states with all n degrees of freedom of a kernel, including first-order unknowns.
 
-    A file of `Solution.save` has only the velocities of quadratures: the unused displacements are NaN.
+    A file of `Solution.save` lacks the integrals of these, which are not used: they are NaN.
     """
     u, v = solution._whole or (solution.u, solution.v)
-    if solution._whole is None and solution.quadratures:
-        v = np.column_stack([v, *solution.quadratures.values()])
-        u = np.column_stack([u, np.full((len(u), len(solution.quadratures)), np.nan)])
+    if solution._whole is None and solution.z:
+        u, v = _with_z(u, v, [x.reshape(len(v), -1) for x in solution.z.values()], np.nan)
     if (u.shape[1] if u.ndim == 2 else 1) != n:
         raise ValueError(f"the states have {u.shape[1:]} degrees of freedom and not {n}.")
     return solution.t, u, v
+
+
+def _accelerations_with_z(
+    evaluate: Callable[..., np.ndarray], saved: np.ndarray, z: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray
+) -> np.ndarray:
+    """Return the accelerations at states between saved states, at which z is interpolated."""
+    return evaluate(t, *_with_z(u, v, [resampled(saved, z[None], t)[0]], 0.0))[:, : u.shape[1]]
+
+
+def _with_z(u: np.ndarray, v: np.ndarray, z: Sequence[np.ndarray], integral: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return u and v with further degrees of freedom, whose velocities are z."""
+    v = np.column_stack([v, *z])
+    return np.column_stack([u, np.full((len(u), v.shape[1] - u.shape[1]), integral)]), v
 
 
 def _steps_to(saved: np.ndarray, h: float, steps: np.ndarray | None, t: np.ndarray) -> np.ndarray:

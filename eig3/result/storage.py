@@ -19,8 +19,9 @@ import numpy as np
 
 from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
+from ..functions.first_order import NONE, FirstOrder
 from ..methods import METHODS, Method, shown
-from .columns import OF_STATES, ROWS, separated
+from .columns import OF_STATES, ROWS
 from .labels import Labels
 from .mapped import DamagedFileError, MappedRows, check_directory, output_files, read_mapped
 from .status import Status
@@ -53,23 +54,23 @@ class Place:
     directory : Path
     labels : Labels or None
         The labels of the problem.
-    quadratures : tuple of str
-        The names of quadratures, whose values are the last velocities of a row.
+    first_order : FirstOrder
+        The first-order unknowns, whose values are the last velocities of a row.
     """
 
     directory: Path
     labels: Labels | None = None
-    quadratures: tuple[str, ...] = ()
+    first_order: FirstOrder = NONE
     _next: float = dataclasses.field(default=0.0, init=False)  # the time of the next record of a running run
 
     @classmethod
-    def of(cls, save_to: Any, labels: Labels | None = None, quadratures: tuple[str, ...] = ()) -> Place:
+    def of(cls, save_to: Any, labels: Labels | None = None, first_order: FirstOrder = NONE) -> Place:
         """Return the place that `save_to` names, which must be a new or an empty directory."""
         if not isinstance(save_to, str | PathLike):
             raise TypeError(f"save_to must be the path of a directory, not {shown(save_to)}.")
         directory = Path(save_to)
         check_directory(directory)
-        return cls(directory, labels, quadratures)
+        return cls(directory, labels, first_order)
 
     def keep(self, files: MappedRows, rows: int, solution: Callable[[], Any]) -> None:
         """Write a record of the run at intervals, which remains if the process is killed.
@@ -92,7 +93,7 @@ class Place:
         """Write the values of a `Solution` except its rows, whose number in the files is `rows`."""
         fields = {name: value for name, value in solution._kept().items() if name not in OF_STATES}
         fields |= {"_resume": solution._state, "labels": self.labels}
-        rest = {"outputs": list(solution.outputs), "quadratures": self.quadratures, "has_ended": has_ended}
+        rest = {"outputs": list(solution.outputs), "first_order": self.first_order, "has_ended": has_ended}
         rest |= {"rows": rows, "checksums": files.checksums(rows)}
         write(RUN, fields, self.directory / _RUN, is_lasting=has_ended, **rest)
 
@@ -171,10 +172,10 @@ def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str
     arrays = read_mapped(directory, checksums, rows)
     given: dict[str, Any] = {name: arrays.get(name) for name in ROWS}
     given["outputs"] = {name: arrays[file] for name, file in files.items()}
-    whole, names = (given["u"], given["v"]), [str(name) for name in record["quadratures"]]
-    given["u"], given["v"], given["quadratures"] = separated(*whole, names) if names else (*whole, {})
+    whole, unknowns = (given["u"], given["v"]), _first_order(*record["first_order"])
+    given["u"], given["v"], given["z"] = unknowns.separated(*whole) if unknowns else (*whole, {})
     result = _of_kind(record, others, given)
-    result._whole = whole if names else None
+    result._whole = whole if unknowns else None
     if not record["has_ended"]:
         result.status = Status.INTERRUPTED
         result.message = (
@@ -182,6 +183,11 @@ def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str
             "running."
         )
     return result
+
+
+def _first_order(names: Any, shapes: Any, is_read: Any) -> FirstOrder:
+    """Return first-order unknowns from a record."""
+    return FirstOrder(tuple(map(str, names)), tuple(tuple(map(int, shape)) for shape in shapes), bool(is_read))
 
 
 def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.ndarray]], Any]) -> Any:

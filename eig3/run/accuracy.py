@@ -50,7 +50,7 @@ class Goal(NamedTuple):
     Attributes
     ----------
     wanted : dict of str to float
-        The largest error of each quantity: "u", "v", "drift", or the name of an output, a quadrature or an event.
+        The largest error of each quantity: "u", "v", "drift", or the name of an output, a first-order unknown or an event.
     scale : float or None
         The size to which the errors are relative; None for the largest size of each quantity.
     max_seconds : float
@@ -85,7 +85,7 @@ class Goal(NamedTuple):
 
 
 def _values(solution: Solution, name: str) -> np.ndarray:
-    return np.asarray((solution.outputs | solution.quadratures).get(name, 1.0))
+    return np.asarray((solution.outputs | solution.z).get(name, 1.0))
 
 
 def check_goal(accuracy: Any, scale: Any, max_seconds: Any) -> Goal:
@@ -212,7 +212,7 @@ def first_rtol(goal: Goal) -> float:
 
 def check_accuracy_names(goal: Goal, options: RunOptions) -> None:
     """Refuse names of quantities whose error the run does not have."""
-    at_states = {*options.functions.outputs, *options.quadratures}
+    at_states = {*options.functions.outputs, *options.first_order.names}
     known = {"u", "v", "drift", *at_states, *options.events}
     for name in goal.wanted:
         if name not in known:

@@ -335,7 +335,7 @@ class Run:
             If save_to is not given, and this run has many states in files.
         """
         if save_to is not None:
-            return Place.of(save_to, self.stepper.system.labels, self.stepper.system.quadratures)
+            return Place.of(save_to, self.stepper.system.labels, self.stepper.system.first_order)
         rows = *(self.saved or {}).values(), *self.saved_outputs.values()
         in_files = sum(array.nbytes for array in rows if isinstance(array, np.memmap))
         if in_files > _MOST_JOINED:
@@ -518,8 +518,8 @@ def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[
     if stepper.look:
         later = later | stepper.look.found()
     solution = Solution._of(fields, later)
-    if system.quadratures:
-        solution._separate(system.quadratures)
+    if system.first_order:
+        solution._separate(system.first_order)
     return solution
 
 

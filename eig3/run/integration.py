@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.checks import check_state
 from ..functions.events import Event
+from ..functions.first_order import check_z0
 from ..functions.named import named
 from ..keywords import with_suggestions
 from ..methods import Method
@@ -50,13 +51,17 @@ def integrate(
     raise_on_failure: bool = False,
     cancel: Cancel | None = None,
     save_to: str | PathLike[str] | None = None,
+    z0: ArrayLike | Mapping[str, ArrayLike] | None = None,
 ) -> Solution:
     """Integrate u'' = f(t, u, v) with a fixed step h or with tolerances; eig3/run/README.md has examples.
+
+    With first-order unknowns z, the system is u'' = f(t, u, v, z) with z' = g(t, u, v, z).
 
     Parameters
     ----------
     rhs : jitted function
         ``@eig3.jit`` of ``f(t, u, v, p) -> a``, or for n degrees of freedom ``f(t, u, v, p, a)``, which writes a only.
+        With z0, ``f(t, u, v, z, p, a, dz)``, which writes a and z' to dz.
     t_span : (float, float)
         First and last time.
     u0, v0 : float or array_like, shape (n,)
@@ -94,6 +99,9 @@ def integrate(
         Set it in another thread to end the run.
     save_to : str or path
         A new or empty directory, to which the run writes its history as it computes; `eig3.load` reads it.
+    z0 : float or array_like, shape (k,); or dict of str to these
+        First-order unknowns at the first time. rhs gets them as z, one array in the order of the names. Functions of
+        events, invariants and outputs may take z too, between v and p.
 
     Returns
     -------
@@ -110,7 +118,7 @@ def integrate(
         After Ctrl-C. `solution` is the run up to then, or None. Exceptions from rhs have the same attribute.
     """
     u, v, form = check_state(u0, v0)
-    params = named(params)
+    params, unknowns = named(params), check_z0(rhs, z0, form)
     options: dict[str, Any] = {
         "h": h,
         "rtol": rtol,
@@ -126,6 +134,7 @@ def integrate(
         "first_step": first_step,
         "max_steps": max_steps,
         "inline": inline,
+        "first_order": unknowns[0],
     }
     layout = getattr(params, "layout", None)
     of_call: dict[str, Any] = {
@@ -138,9 +147,9 @@ def integrate(
     if accuracy is None:
         if scale is not None or max_seconds is not None:
             refuse_without_accuracy(scale=scale, max_seconds=max_seconds)
-        return Prepared(rhs, form, run_options(layout, **options))(t_span, u, v, params, **of_call)
+        return Prepared(rhs, form, run_options(layout, **options), z0=unknowns[1])(t_span, u, v, params, **of_call)
 
     def prepared(**options: Any) -> Prepared:
-        return Prepared(rhs, form, run_options(layout, **options))
+        return Prepared(rhs, form, run_options(layout, **options), z0=unknowns[1])
 
     return reach(check_goal(accuracy, scale, max_seconds), rhs, prepared, options, (t_span, u, v, params), of_call)

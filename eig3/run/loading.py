@@ -11,6 +11,7 @@ import numpy as np
 
 from ..functions.checks import check_flag
 from ..functions.events import Event, check_events
+from ..functions.first_order import FirstOrder, check_z0
 from ..functions.layout import Layout
 from ..functions.quantities import Functions, check_functions
 from ..kernels.protocol import SCALAR, VECTOR
@@ -93,7 +94,7 @@ def with_functions(
     outputs: Any = None,
     jacobian: Any = None,
     labels: Labels | None = None,
-    quadratures: tuple[str, ...] = (),
+    first_order: FirstOrder | None = None,
 ) -> Solution:
     """Give a loaded solution the functions of its run, as `eig3.load` describes it, and return it."""
     state = solution._state
@@ -102,6 +103,10 @@ def with_functions(
         if not solution.can_go_on:
             why = f"its status is {solution.status.name}"
         raise ValueError(f"this run cannot be continued: {why}; load it without functions.")
+    if first_order is None:
+        first_order, _ = check_z0(rhs, {name: x[0] for name, x in solution.z.items()} or None)
+    rhs = first_order.bind_rhs(rhs)
+    events, invariants, outputs = map(first_order.bind_all, (events, invariants, outputs))
     if state["layout"]:
         with storage.going_on():
             layout = Layout.of_text(state["layout"])
@@ -130,10 +135,10 @@ def with_functions(
         functions=Functions(**given),
         inline=check_flag(state["inline"], "inline"),
         labels=labels,
-        quadratures=quadratures,
+        first_order=first_order,
     )
     run = kind.restored(solution, System(rhs, form, options))
-    solution._accelerations = run.stepper.accelerations
+    solution._accelerations, solution._reads_z = run.stepper.accelerations, first_order.is_read
     if isinstance(run, VariableRun):
         solution._between = run.between
     solution._extend = run.itself

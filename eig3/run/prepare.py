@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import check_flag, check_params, check_resolution, check_span, check_state, shown
+from ..functions.first_order import check_z0
 from ..functions.guard import guarded
 from ..functions.named import has_names, in_layout, named
 from ..kernels.compile.interrupt import with_solution
-from ..kernels.protocol import SCALAR, Form
+from ..kernels.protocol import SCALAR, VECTOR, Form
 from ..keywords import refusal
 from ..methods import Method
 from ..result.memory import n_rows
@@ -34,7 +35,7 @@ from .fixed_run import FixedRun, divide
 from .progress import check_progress
 from .variable_run import VariableRun
 
-_OF_A_CALL = "t_span", "u0", "v0", "params", "check", "progress", "raise_on_failure", "cancel", "save_to"
+_OF_A_CALL = "t_span", "u0", "v0", "params", "z0", "check", "progress", "raise_on_failure", "cancel", "save_to"
 _WITHOUT_NAMES = np.ndarray, tuple, list, float, int  # a NamedTuple is of another type
 _LONGER = 4  # a run with tolerances counts as short if it takes at most this many times as long as the last run
 _LEAST_PACE = 1e-10  # seconds per step; a coarse clock may measure 0
@@ -55,8 +56,11 @@ class Prepared:
     """
 
     @with_solution
-    def __init__(self, rhs: Any, form: Form, options: RunOptions, defaults: tuple = ()) -> None:
-        self._defaults, layout = defaults, options.layout
+    def __init__(
+        self, rhs: Any, form: Form, options: RunOptions, defaults: tuple = (), z0: np.ndarray | None = None
+    ) -> None:
+        self._defaults, self._z0, layout = defaults, z0, options.layout
+        rhs = options.first_order.bind_rhs(rhs)
         rhs = layout.bind(rhs) if layout else rhs
         self._t_eval, self._every = options.t_eval, options.every
         if defaults:  # arrays are checked faster than other sequences at each call
@@ -90,6 +94,7 @@ class Prepared:
         v0: ArrayLike | None = None,
         params: Any = (),
         *,
+        z0: Any = None,
         check: bool = False,
         progress: bool = False,
         raise_on_failure: bool = False,
@@ -104,8 +109,9 @@ class Prepared:
         t_span : (float, float)
         u0, v0 : float or array_like, shape (n,)
         params : float or array_like, NamedTuple or dict
+        z0 : float or array_like, or dict
             Arguments left out have the values of the problem, for a run from `Problem.prepare`. Other runs need a span
-            and initial values.
+            and initial values; z0 is that of `eig3.prepare` if it is left out.
         check, progress, raise_on_failure, cancel, save_to
             As for `eig3.integrate`.
 
@@ -131,8 +137,8 @@ class Prepared:
         u, v, form = check_state(u0, v0)
         if form is not self._system.form:
             raise self._wrong_form(u0)
-        if self._system.quadratures:
-            u, v = self._with_quadratures(u, v)
+        if z0 is not None or self._system.first_order:
+            u, v = self._with_first_order(u, v, z0)
         if self.options.layout or (type(params) not in _WITHOUT_NAMES and has_names(params)):
             params = in_layout(self.options.layout, params)
         start = check_span(span), u, v, guarded(check_params(params))
@@ -145,20 +151,21 @@ class Prepared:
 
     def member(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, cancel: Cancel | None) -> Solution:
         """Run a member of an ensemble from a checked start. A short run ignores `cancel`."""
-        start = span, *self._with_quadratures(u, v), guarded(params)
+        start = span, u, v, guarded(params)
         solution = self._if_short(*start)
         return solution or carry_out(partial(self._begin, *start, False, None), cancel, raise_on_failure=False)
 
     def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
         """Return a stepper at a checked start, after the checks of the right-hand side and the method."""
-        start = span, *self._with_quadratures(u, v), guarded(params), None
+        start = span, u, v, guarded(params), None
         return self._variable_stepper(*start) if self.options.tolerances else self._fixed_stepper(*start)[0]
 
-    def _with_quadratures(self, u: Any, v: Any) -> tuple[Any, Any]:
-        if not self._system.quadratures:
-            return u, v
-        zeros = np.zeros(len(self._system.quadratures))
-        return np.append(u, zeros), np.append(v, zeros)
+    def _with_first_order(self, u: Any, v: Any, z0: Any) -> tuple[Any, Any]:
+        """Return u and v with first-order unknowns at their first values."""
+        unknowns = self._system.first_order
+        if not unknowns:
+            raise TypeError("z0 needs z0 in eig3.prepare too, which shows the number of first-order unknowns.")
+        return unknowns.start(u, v, self._z0 if z0 is None else unknowns.again(z0))  # type: ignore[arg-type]
 
     def _if_short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
         """Run in one call of the kernel; return None if the run is long, or may not complete."""
@@ -198,7 +205,7 @@ class Prepared:
         """Return a run at its start."""
         if progress is not False:
             check_progress(progress)
-        place = None if save_to is None else Place.of(save_to, self._system.labels, self._system.quadratures)
+        place = None if save_to is None else Place.of(save_to, self._system.labels, self._system.first_order)
         times, options = None if self._t_eval is None else self._times_in(span), self.options
         if options.tolerances:
             stepper = self._variable_stepper(span, u, v, p, times)
@@ -233,26 +240,28 @@ class Prepared:
     def tolerances(self, n: int) -> Tolerances:
         """Return the tolerances for n degrees of freedom."""
         if n not in self._tolerances:
-            n_quadratures = len(self._system.quadratures)
+            unknowns = self._system.first_order
             assert self.options.tolerances
-            self._tolerances[n] = self.options.tolerances.of(n - n_quadratures, n_quadratures)
+            self._tolerances[n] = self.options.tolerances.of(n - unknowns.size, unknowns.size, are_read=unknowns.is_read)
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:
-        return Prepared, (self._system.rhs, self._system.form, self.options, self._defaults)
+        return Prepared, (self._system.rhs, self._system.form, self.options, self._defaults, self._z0)
 
 
-def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
+def prepare(rhs: Any, *, params: Any = None, z0: Any = None, **options: Any) -> Prepared:
     """Check the options, choose the method and compile the code, for many runs with different initial values.
 
     Parameters
     ----------
     rhs : jitted function
-        The acceleration, in one of the two forms that `eig3.integrate` takes: with four arguments for one degree of
-        freedom, with five for n.
+        As for `eig3.integrate`: with four arguments for one degree of freedom, with five for n, and with seven for
+        first-order unknowns.
     params : NamedTuple or dict, optional
         An example of the parameters if they have names: ``prepare(rhs, h=0.01, params={"k": 4.0})``. In a call, the
         arrays may have other sizes. Pass parameters without names only to each call.
+    z0 : float or array_like, or dict, optional
+        The first values of first-order unknowns, for calls without other values.
     **options
         As for `eig3.integrate`, without the options of a call, which are check, progress, raise_on_failure, cancel
         and save_to. The prepared run copies them.
@@ -278,4 +287,6 @@ def prepare(rhs: Any, *, params: Any = None, **options: Any) -> Prepared:
     if params is not None and not has_names(params):
         raise TypeError("params is for parameters with names; give an array to each call: prepared(t_span, u0, v0, p).")
     layout = None if params is None else named(params).layout
-    return Prepared(rhs, form_of(rhs), run_options(layout, **options))
+    unknowns, z = check_z0(rhs, z0)
+    form = VECTOR if unknowns else form_of(rhs)
+    return Prepared(rhs, form, run_options(layout, first_order=unknowns, **options), z0=z)

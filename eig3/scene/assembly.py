@@ -603,5 +603,5 @@ def note(assembly: Assembly) -> str:
     else:
         lines.append("nothing reads the velocity: central difference takes one evaluation a step")
     if assembly.follows_work:
-        lines.append('the work done is followed: solution.quadratures["work"], J')
+        lines.append('the work done is followed: solution.z["work"], J')
     return "\n".join(lines)

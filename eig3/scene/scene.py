@@ -196,7 +196,7 @@ class Scene(Description):
         name : str
         work : bool
             Integrate the work, J, of effects without a potential and of moving supports, with the motion and to the
-            same order. ``solution.quadratures["work"]`` is the work at the saved times, and
+            same order. ``solution.z["work"]`` is the work at the saved times, and
             ``solution.drift["energy"]`` is the largest change of the mechanical energy minus the work, which is
             constant in the exact motion. The work includes the energy that events dissipate. For a scene with constant
             mechanical energy, `work` has no effect.
@@ -239,7 +239,7 @@ class Scene(Description):
             note=note(assembly),
             names=names(assembly),
             units=units(assembly),
-            quadratures=("work",) if assembly.follows_work else (),
+            z0={"work": 0.0} if assembly.follows_work else {},
             encounters=Encounters.of(assembly),
             masses=assembly.inertias,
             view=mechanism(cloud, numbered(cloud, self._placed)[0], self._pair_forces),

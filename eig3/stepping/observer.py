@@ -231,7 +231,7 @@ class Observer:
     def recall(self, events: Mapping[str, Occurrences], counts: Mapping[str, int] | None = None) -> None:
         """Set the occurrences so far to the first occurrences of each event, or to all.
 
-        Their states may lack the degrees of freedom of quadratures, which are then NaN.
+        Their states may lack the degrees of freedom of first-order unknowns, which are then NaN.
         """
         rows = []
         for k, name in enumerate(self.system.events):

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, check_flag, check_h, check_method, reals
 from ..functions.events import Event, check_events
+from ..functions.first_order import NONE, FirstOrder
 from ..functions.layout import Layout
 from ..functions.quantities import Functions, check_functions
 from ..methods import Method
@@ -42,8 +43,8 @@ class RunOptions(NamedTuple):
     inline : bool
     labels : Labels or None
         Names and units of the degrees of freedom.
-    quadratures : tuple of str
-        The names of the last degrees of freedom, whose velocities are quadratures over time.
+    first_order : FirstOrder
+        The first-order unknowns, to which the functions are bound.
     layout : Layout or None
         The names of the parameters of each call, to which the functions are bound; None for an array.
     """
@@ -57,7 +58,7 @@ class RunOptions(NamedTuple):
     functions: Functions = _NO_FUNCTIONS
     inline: bool = False
     labels: Labels | None = None
-    quadratures: tuple[str, ...] = ()
+    first_order: FirstOrder = NONE
     layout: Layout | None = None
 
     @property
@@ -99,15 +100,19 @@ def run_options(
     max_steps: int | None = None,
     inline: bool = False,
     labels: Labels | None = None,
-    quadratures: tuple[str, ...] = (),
+    first_order: FirstOrder = NONE,
 ) -> RunOptions:
-    """Check the options of `eig3.integrate`. Functions that read parameters by names are bound to the layout.
+    """Check the options of `eig3.integrate`. Functions are bound to first-order unknowns and to named parameters.
 
     Raises
     ------
     TypeError, ValueError
         If an option is not valid, or two exclude each other.
     """
+    if first_order.is_read:
+        if getattr(method, "jacobian", None) is not None:
+            raise ValueError("method must be without a jacobian, which would lack the first-order unknowns: leave it out.")
+        events, invariants, outputs = map(first_order.bind_all, (events, invariants, outputs))
     if layout:
         method = layout.bind_method(method)
         events, invariants, outputs = map(layout.bind_all, (events, invariants, outputs))
@@ -126,7 +131,7 @@ def run_options(
     save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
     functions = check_functions(invariants, outputs, invariants_every)
     events, inline = check_events(events), check_flag(inline, "inline")
-    return RunOptions(h, tolerances, method, save_every, t_eval, events, functions, inline, labels, quadratures, layout)
+    return RunOptions(h, tolerances, method, save_every, t_eval, events, functions, inline, labels, first_order, layout)
 
 
 def _refuse(given: dict[str, Any]) -> None:

@@ -57,7 +57,7 @@ class System:
     rhs : jitted function
     form : Form
     options : RunOptions
-        A system uses the method, events, functions, labels and quadratures, whether t_eval is given, and inline.
+        A system uses the method, events, functions, labels and first_order, whether t_eval is given, and inline.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class System:
 
     def __init__(self, rhs: Any, form: Form, options: RunOptions) -> None:
         self.rhs, self.form, self.layout, self.method = rhs, form, bound_layout(rhs), options.method
-        self.labels, self.quadratures = options.labels, options.quadratures
+        self.labels, self.first_order = options.labels, options.first_order
         self.events, self.functions = options.events, options.functions
         history, constraints = history_of(rhs), constraints_of(rhs)
         self.inline = options.inline and history is None and constraints is None
@@ -163,7 +163,7 @@ def remembered(rhs: Any, form: Form, options: RunOptions) -> System:
     """
     invariants, outputs, every = options.functions
     functions = (tuple(part.items()) for part in (options.events, invariants, outputs))
-    others = every, options.method, options.inline, options.labels, options.quadratures
+    others = every, options.method, options.inline, options.labels, options.first_order
     key = form.name, options.h is None, options.t_eval is None, *functions, *others
     try:
         systems = vars(rhs).setdefault("_eig3_systems", {})

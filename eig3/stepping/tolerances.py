@@ -42,13 +42,19 @@ class Tolerances(NamedTuple):
     h_max: float
     max_steps: int
 
-    def of(self, n: int, n_quadratures: int = 0) -> Tolerances:
-        """Return the tolerances of a run with n degrees of freedom, and with quadratures over time after them.
+    def of(self, n: int, n_first_order: int = 0, *, are_read: bool = False) -> Tolerances:
+        """Return the tolerances of a run with n degrees of freedom and some first-order unknowns after them.
 
-        Quadratures do not affect the motion, and do not control the steps.
+        Unknowns that rhs reads have tolerances after those of the degrees of freedom. Unknowns that it does not read,
+        and the integrals of all unknowns, do not control the steps.
         """
-        plain = self.is_relative and not n_quadratures
-        return self._replace(atol=np.zeros((2, n)) if plain else _absolute(self.atol, n, n_quadratures))
+        if self.is_relative and not n_first_order:
+            return self._replace(atol=np.zeros((2, n)))
+        atol = np.full((2, n + n_first_order), np.inf)
+        n_own = n + n_first_order * are_read
+        atol[:, :n_own] = _absolute(self.atol, n_own)
+        atol[0, n:] = np.inf
+        return self._replace(atol=atol)
 
 
 def check_tolerances(
@@ -72,19 +78,18 @@ def check_tolerances(
     )
 
 
-def _absolute(atol: np.ndarray, n: int, n_quadratures: int) -> np.ndarray:
-    """Return the absolute tolerances of u and v, an array of shape (2, n + n_quadratures)."""
+def _absolute(atol: np.ndarray, n: int) -> np.ndarray:
+    """Return the absolute tolerances of u and v, an array of shape (2, n)."""
     if not (np.isfinite(atol).all() and (atol >= 0).all()):
         raise ValueError(f"atol must be finite and not negative, not {shown(atol)}.")
     try:
-        rows = np.broadcast_to(atol, (2, n))
+        return np.broadcast_to(atol, (2, n))
     except ValueError:
-        each = f"{n} numbers for the degrees of freedom, " if n > 1 else ""
+        each = f"{n} numbers for the degrees of freedom and the first-order unknowns, " if n > 1 else ""
         raise ValueError(
             f"atol must be a number, {each}or an array of shape (2, {n}) with a row for u and a row for v, not of the "
             f"shape {atol.shape}."
         ) from None
-    return np.ascontiguousarray(np.concatenate([rows, np.full((2, n_quadratures), np.inf)], axis=1))
 
 
 def usual_method(rtol: float, reads_velocity: bool) -> Method:

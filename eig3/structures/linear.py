@@ -17,7 +17,7 @@ from .factors import copies_in, factors
 from .loads import check_ground, check_table
 from .matrices import Mass, check_mass, check_matrix, check_symmetric, edge_of_blocks
 from .modal import exact_motion, unknown
-from .source import LOADED, QUADRATURES, Parts, energy, right_hand_side
+from .source import INTEGRALS, LOADED, Parts, energy, right_hand_side
 from .structure import Structure
 
 _FUNCTION = "the force is a function: give it as a table if it depends on the time only"
@@ -67,8 +67,8 @@ def linear(
     names, units : sequence of str
         The names and units of the degrees of freedom.
     work : bool
-        Integrate the work of forces, ground and damping, ``quadratures["work"]``, and the energy that the damping has
-        dissipated, ``quadratures["dissipated"]``. The energy minus the work is then an invariant.
+        Integrate the work of forces, ground and damping, ``z["work"]``, and the energy that the damping has
+        dissipated, ``z["dissipated"]``. The energy minus the work is then an invariant.
     threads : int
         The number of threads that share the rows, with bitwise the same results. Threads pay from about 10^4 degrees of
         freedom on. Each member of an ensemble has one thread.
@@ -127,7 +127,7 @@ def linear(
         energy=energy(parts) if work or not has & LOADED else None,
         names=_names(names, n),
         units=units if isinstance(units, str) else tuple(units),
-        quadratures=QUADRATURES if work else (),
+        z0=dict.fromkeys(INTEGRALS, 0.0) if work else {},
     )
 
 

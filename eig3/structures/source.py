@@ -24,8 +24,8 @@ _KEPT = 64  # functions; without a limit, functions of the user would stay in me
 
 #: The terms that change the energy.
 LOADED = frozenset({"C", "rayleigh", "modal", "ground", "force", "table"})
-#: The quadratures of a run with `work=True`.
-QUADRATURES = "work", "dissipated"
+#: The integrals over time of a run with `work=True`.
+INTEGRALS = "work", "dissipated"
 _LOADS = frozenset({"force", "table"})  # on single degrees of freedom, computed first
 
 _TABLE = """\

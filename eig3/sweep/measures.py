@@ -109,7 +109,7 @@ class Measure:
         """Return the energy. If the problem integrates the work, the drift is for the energy minus the work."""
         if problem.energy is None:
             raise ValueError(f"--measure {self} does not fit: {problem.name} has no energy with these parameters.")
-        if problem.quadratures and self.kind != "drift":
+        if problem.z0 and not problem.unknowns.is_read and self.kind != "drift":
             n = np.size(problem.u0)
             return _quantity(f"energy(t, u[:{n}], v[:{n}], p)", problem.energy)
         return problem.energy

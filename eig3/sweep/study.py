@@ -262,6 +262,6 @@ def _groups(problems: Sequence[Problem]) -> list[list[int]]:
     groups: dict[Any, list[int]] = {}
     for i, p in enumerate(problems):
         events = tuple((name, e.g, e.direction, e.terminal, e.apply) for name, e in p.events.items())
-        key = p.rhs, p.energy, p.quadratures, events, p.t_span, np.shape(p.u0), np.size(p.params)
+        key = p.rhs, p.energy, p.unknowns, events, p.t_span, np.shape(p.u0), np.size(p.params)
         groups.setdefault(key, []).append(i)
     return list(groups.values())

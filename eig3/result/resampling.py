@@ -16,6 +16,7 @@ def resampled(t: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarra
     Parameters
     ----------
     t : ndarray, shape (s,)
+        No polynomial spans two equal times, which are the times before and after a jump.
     values : ndarray, shape (m, s, ...)
     times : ndarray, shape (q,)
         Times between the first and the last of t.
@@ -24,6 +25,13 @@ def resampled(t: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarra
     -------
     ndarray, shape (m, q, ...)
     """
+    jumps = np.flatnonzero(t[1:] == t[:-1])
+    if jumps.size:
+        found, part = np.empty((len(values), len(times), *values.shape[2:])), np.searchsorted(t[jumps], times, "right")
+        bounds = np.concatenate([[0], jumps + 1, [len(t)]])
+        for k, (begin, end) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
+            found[:, part == k] = resampled(t[begin:end], values[:, begin:end], times[part == k])
+        return found
     count = min(_COUNT, len(t))
     first = np.clip(np.searchsorted(t, times, side="right") - count // 2, 0, len(t) - count)
     rows = first[:, None] + np.arange(count)
