@@ -453,7 +453,7 @@ def test_bm6_in_a_bar():
     found = bar.critical_step(method="bm6")
     assert found.limit == pytest.approx(limit("bm6") / highest, rel=1e-6)
     assert found.omega_max == pytest.approx(highest, rel=1e-6)
-    with pytest.raises(ValueError, match=r"^BM6\(\) needs a rhs that ignores v, and this one does not"):
+    with pytest.raises(ValueError, match=r"^BM6\(\) needs a rhs that ignores v and has no z0"):
         critical_step(gyroscope, [1.0, 0.3], [0.2, 0.5], 3.0, method="bm6")
 
 

@@ -158,7 +158,21 @@ def test_the_number_of_pairs_stays():
     """
     import inspect
 
-    taken = {"rhs", "t_span", "u0", "v0", "params", "h", "rtol", "atol", "method", "z0", "first_order", "labels", "refused"}
+    taken = {
+        "rhs",
+        "t_span",
+        "u0",
+        "v0",
+        "params",
+        "h",
+        "rtol",
+        "atol",
+        "method",
+        "z0",
+        "first_order",
+        "labels",
+        "refused",
+    }
     named = {*OF_RUNS, *OF_ENSEMBLES, "events", "accuracy", "scale", "max_seconds"}
     assert {*inspect.signature(eig3.ensemble).parameters} == taken | named
 

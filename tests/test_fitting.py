@@ -13,9 +13,9 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 import eig3
-from eig3.result.resampling import resampled
 from eig3.fitting.series import History
 from eig3.fitting.stencils import differences
+from eig3.result.resampling import resampled
 
 
 @eig3.jit
@@ -171,9 +171,7 @@ def test_values_of_arrays_outputs_and_integrals_have_derivatives():
         more, less, own = run(name, 1e-5), run(name, -1e-5), found[name]
         assert own.u == pytest.approx((more.u - less.u) / 2e-5, abs=1e-6)
         assert own.v == pytest.approx((more.v - less.v) / 2e-5, abs=1e-6)
-        assert own.z["speed"] == pytest.approx(
-            (more.z["speed"] - less.z["speed"]) / 2e-5, abs=1e-6
-        )
+        assert own.z["speed"] == pytest.approx((more.z["speed"] - less.z["speed"]) / 2e-5, abs=1e-6)
         output = (more.outputs["forces"] - less.outputs["forces"]) / 2e-5
         assert own.outputs["forces"] == pytest.approx(output, abs=1e-5)
 

@@ -393,7 +393,7 @@ def damped(t, u, v, p):
 
 
 def test_a_force_that_reads_the_velocity_is_refused():
-    with pytest.raises(ValueError, match=r"^Langevin\(.*\) needs a rhs that ignores v, and this one does not; "):
+    with pytest.raises(ValueError, match=r"^Langevin\(.*\) needs a rhs that ignores v and has no z0; "):
         eig3.integrate(damped, (0, 1), 1.0, 0.0, h=0.1, method=WARM)
     with pytest.raises(ValueError, match=r"^Langevin\(.*\) needs a rhs that ignores v"):
         eig3.ensemble(damped, (0, 1), np.ones(3), 0.0, h=0.1, method=WARM)

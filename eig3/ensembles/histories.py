@@ -266,7 +266,7 @@ class Histories:
             _repeat=repeat,
             _again=again,
         )
-        if self.options.first_order:
+        if self.options.first_order.names:
             solution._separate(self.options.first_order)
         return solution
 

@@ -43,9 +43,10 @@ class Model:
         times = np.unique(np.concatenate([each.t for each in series]))
         self._run = problem.prepare(invariants={}, t_eval=times, **options)
         self._span, self._n_times = (problem.t_span[0], float(times[-1])), len(times)
-        self._start = {"u0": np.array(problem.u0), "v0": np.array(problem.v0)}
+        self._start = dict(zip(("u0", "v0"), map(np.array, problem.start), strict=True))
         self._start["params"] = np.array(check_params(problem.params))
-        self._entries = [(self._start[place.field], place.offset(problem)) for place in places]
+        arrays = {**self._start, "z0": self._start["v0"]}
+        self._entries = [(arrays[place.field], place.offset(problem)) for place in places]
         self._rows = [np.searchsorted(times, each.t) for each in series]
         values = np.concatenate([each.values for each in series])
         self._has_value = ~np.isnan(values)

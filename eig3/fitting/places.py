@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..functions.checks import check_params, shown
+from ..functions.first_order import UNNAMED
 from ..functions.layout import unknown_name
 from ..problem import Problem
 from ..result.solution import Solution
@@ -26,9 +27,9 @@ class Place(NamedTuple):
     name : str
         As the user wrote it, such as "k", "k[2]", "p[3]" or "u0[1]".
     field : str
-        "u0", "v0" or "params".
+        "u0", "v0", "z0" or "params".
     key : str
-        The name of the parameter; empty for u0, v0 and an array of parameters.
+        The name of the parameter or of the first-order unknown; empty for u0, v0 and an array of parameters.
     entry : tuple of int
         The index in the array; empty for a number.
     """
@@ -41,7 +42,8 @@ class Place(NamedTuple):
     def array(self, problem: Problem) -> np.ndarray:
         """Return the array that contains the value, of shape () for a number."""
         if self.key:
-            return np.asarray(problem.params[self.key], dtype=np.float64)
+            named = problem.z0 if self.field == "z0" else problem.params
+            return np.asarray(named[self.key], dtype=np.float64)
         if self.field == "params":
             return check_params(problem.params)
         return np.asarray(getattr(problem, self.field), dtype=np.float64)
@@ -51,8 +53,12 @@ class Place(NamedTuple):
         return float(self.array(problem)[self.entry])
 
     def offset(self, problem: Problem) -> int:
-        """Return the index in the flat array u0, v0 or p of the kernels."""
-        begin = problem.params.layout.places(problem.params._asdict())[self.key].start if self.key else 0
+        """Return the index in the flat array u0, v0 or p of the kernels; z0 is at the end of v0."""
+        begin = 0
+        if self.field == "z0":
+            begin = np.size(problem.u0) + problem.unknowns.begin(self.key)
+        elif self.key:
+            begin = problem.params.layout.places(problem.params._asdict())[self.key].start
         return begin + (int(np.ravel_multi_index(self.entry, self.array(problem).shape)) if self.entry else 0)
 
     def size(self, problem: Problem) -> float:
@@ -97,7 +103,7 @@ def sizes(
         states = {"u0": run.u, "v0": run.v}
         for i in resting:
             each: tuple[Any, ...] = (slice(None), *places[i].entry)
-            found[i] = np.abs(states[places[i].field][each]).max()
+            found[i] = np.abs((run.z[places[i].key] if places[i].key else states[places[i].field])[each]).max()
     return np.where(found < _LEAST, of_zeros, found)
 
 
@@ -120,16 +126,21 @@ def varied(problem: Problem, places: Sequence[Place], rows: np.ndarray) -> dict[
         each: tuple[Any, ...] = (slice(None), *place.entry)
         array[each] = column
     found: dict[str, Any] = {field: array for (field, key), array in arrays.items() if not key}
-    named = {key: array for (_, key), array in arrays.items() if key}
-    return {**found, **({"params": named} if named else {})}
+    for (field, key), array in arrays.items():
+        if key:
+            found.setdefault(field, {})[key] = array
+    return found
 
 
 def changed(problem: Problem, places: Sequence[Place], values: np.ndarray) -> Problem:
     """Return the problem with other values, shape (p,), at the places."""
-    changes = {}
+    changes: dict[str, Any] = {}
     for field, arrays in varied(problem, places, values[None]).items():
-        named = isinstance(arrays, dict)
-        changes[field] = problem.params._replace(**{k: x[0] for k, x in arrays.items()}) if named else arrays[0]
+        if not isinstance(arrays, dict):
+            changes[field] = arrays[0]
+            continue
+        new = {name: x[0] for name, x in arrays.items()}
+        changes[field] = {**problem.z0, **new} if field == "z0" else problem.params._replace(**new)
     return problem.with_(**changes)
 
 
@@ -156,6 +167,8 @@ def _place(problem: Problem, name: Any) -> Place:
 def _heads(problem: Problem) -> dict[str, tuple[str, str]]:
     """Return the field and the key of each name; a parameter named u0 takes precedence over the initial value."""
     heads = {"u0": ("u0", ""), "v0": ("v0", "")}
+    if problem.unknowns.is_read:
+        heads |= {("z0" if name == UNNAMED else name): ("z0", name) for name in problem.z0}
     layout = getattr(problem.params, "layout", None)
     if layout is not None:
         return {**heads, **{name: ("params", name) for name in layout.names}}

@@ -12,10 +12,10 @@ from ..ensembles.solution import EnsembleSolution
 from ..methods import Method
 from ..problem import Problem
 from ..result.interpolation import Knots
+from ..result.resampling import resampled
 from ..result.solution import Solution
 from ..run.chunks import IntegrationError
 from .places import Place, said, varied
-from ..result.resampling import resampled
 from .series import History
 
 
@@ -96,8 +96,7 @@ def history(members: EnsembleSolution, times: np.ndarray | None) -> History:
         return History(members.u, members.v, members.outputs, members.z)
     members[0].at(times)  # this warns if the saved states are too far apart
     values = (
-        {name: resampled(members.t[0], x, times) for name, x in group.items()}
-        for group in (members.outputs, members.z)
+        {name: resampled(members.t[0], x, times) for name, x in group.items()} for group in (members.outputs, members.z)
     )
     return History(*_states_at(members, times), *values)
 

@@ -319,6 +319,8 @@ def _check_arguments(function: Callable, name: str, kind: str, form: Form, wante
             f"rhs has the {other.name} form {_ARGUMENTS[kind, other]}, but u0 is {u0}; give u0 as {remedy}, "
             f"or write rhs as {wanted}."
         )
+    if kind == "rhs" and takes(function, 7):
+        raise TypeError("rhs has first-order unknowns z: give their first values too, such as z0=0.0.")
     given = len(inspect.signature(function).parameters)
     raise TypeError(f"{name} takes {given} arguments, but must take {count}: {wanted}.")
 

@@ -22,7 +22,7 @@ from .callbacks import jit, takes
 from .checks import check_names, reals, shown
 from .events import Event
 
-_NAME = "z"  # of unknowns that the user gave no names
+UNNAMED = "z"  # the name of unknowns that the user gave no names
 _RHS = "(t, u, v, z, p, a, dz), writing a and dz"
 
 
@@ -50,6 +50,10 @@ class FirstOrder(NamedTuple):
     def size(self) -> int:
         """The number of unknowns."""
         return sum(map(math.prod, self.shapes))
+
+    def begin(self, name: str) -> int:
+        """Return the place of the first value of a name among all unknowns."""
+        return sum(map(math.prod, self.shapes[: self.names.index(name)]))
 
     def separated(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Return u and v of the degrees of freedom of the user, and z by name, from states of a kernel."""
@@ -84,7 +88,7 @@ class FirstOrder(NamedTuple):
         TypeError, ValueError
             If a name or a shape differs from the first values.
         """
-        given = z0 if isinstance(z0, Mapping) else {_NAME: z0}
+        given = z0 if isinstance(z0, Mapping) else {UNNAMED: z0}
         if set(given) != set(self.names):
             raise TypeError(f"z0 must have the names {', '.join(self.names)}, and not be {shown(z0)}.")
         arrays = {name: _checked(given[name], _said(name, z0)) for name in self.names}
@@ -165,6 +169,7 @@ class FirstOrder(NamedTuple):
 
 
 NONE = FirstOrder()
+_WITHOUT = NONE, np.empty(0)
 
 
 def check_z0(rhs: Any, z0: Any, form: Form | None = None, *, of_members: bool = False) -> tuple[FirstOrder, np.ndarray]:
@@ -184,18 +189,16 @@ def check_z0(rhs: Any, z0: Any, form: Form | None = None, *, of_members: bool = 
     Raises
     ------
     TypeError, ValueError
-        If z0 is missing, or not valid.
+        If z0 is not valid.
     """
-    reads_z = _reads_z(rhs)
     if z0 is None:
-        if reads_z and not is_bound(rhs):
-            raise TypeError("rhs has first-order unknowns z: give their first values, such as z0=0.0.")
-        return NONE, np.zeros(0)
+        return _WITHOUT
+    reads_z = _reads_z(rhs)
     if not reads_z and not takes(getattr(rhs, "py_func", rhs), len(VECTOR.rhs.args)):
         raise TypeError(f"with z0, rhs must have the form {_RHS}.")
     if form is SCALAR:
         raise ValueError("with z0, u0 and v0 must be arrays: write u0=[u0] and v0=[v0] for one degree of freedom.")
-    given = z0 if isinstance(z0, Mapping) else {_NAME: z0}
+    given = z0 if isinstance(z0, Mapping) else {UNNAMED: z0}
     check_names(given, "z0")
     if not given:
         raise ValueError("z0 must have at least one first-order unknown; leave it out for none.")

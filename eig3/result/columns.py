@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ..functions.extremes import Extremes
 from .status import Status
 
@@ -69,4 +67,3 @@ def each(function: Callable[..., Any], value: Any, *others: Any) -> Any:
     if isinstance(value, dict):
         return {name: each(function, x, *(other[name] for other in others)) for name, x in value.items()}
     return function(value, *others)
-

@@ -197,9 +197,7 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
         v=errors(solution.v, fine.v),
         by=fine.name if coarse is None else f"{fine.name} and {coarse.name}",
         outputs={name: errors(x, other.outputs[name][own]) for name, x in solution.outputs.items() if at_states},
-        z={
-            name: errors(x, other.z[name][own]) for name, x in solution.z.items() if at_states
-        },
+        z={name: errors(x, other.z[name][own]) for name, x in solution.z.items() if at_states},
         drift={name: factor * (x - other.drift[name]) for name, x in solution.drift.items()},
         extremes={
             name: Extremes(*(factor * (np.asarray(x) - y) for x, y in zip(each, other.extremes[name], strict=True)))

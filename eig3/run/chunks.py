@@ -518,7 +518,7 @@ def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[
     if stepper.look:
         later = later | stepper.look.found()
     solution = Solution._of(fields, later)
-    if system.first_order:
+    if system.first_order.names:
         solution._separate(system.first_order)
     return solution
 

@@ -35,6 +35,7 @@ def integrate(
     max_seconds: float | None = None,
     atol: ArrayLike | None = None,
     params: Any = (),
+    z0: ArrayLike | Mapping[str, ArrayLike] | None = None,
     method: str | Method | None = None,
     save_every: int | None = 1,
     t_eval: ArrayLike | None = None,
@@ -51,17 +52,14 @@ def integrate(
     raise_on_failure: bool = False,
     cancel: Cancel | None = None,
     save_to: str | PathLike[str] | None = None,
-    z0: ArrayLike | Mapping[str, ArrayLike] | None = None,
 ) -> Solution:
     """Integrate u'' = f(t, u, v) with a fixed step h or with tolerances; eig3/run/README.md has examples.
-
-    With first-order unknowns z, the system is u'' = f(t, u, v, z) with z' = g(t, u, v, z).
 
     Parameters
     ----------
     rhs : jitted function
         ``@eig3.jit`` of ``f(t, u, v, p) -> a``, or for n degrees of freedom ``f(t, u, v, p, a)``, which writes a only.
-        With z0, ``f(t, u, v, z, p, a, dz)``, which writes a and z' to dz.
+        With z0, ``f(t, u, v, z, p, a, dz)``, which writes z' to dz.
     t_span : (float, float)
         First and last time.
     u0, v0 : float or array_like, shape (n,)
@@ -75,6 +73,8 @@ def integrate(
         Instead of h or rtol: the largest estimated error of u, relative to max |u| or to `scale`.
     params : float or array_like; or NamedTuple or dict
         The parameters. rhs gets them as p, a one-dimensional array of float64, or with their names, as ``p.k``.
+    z0 : float or array_like, shape (k,); or dict of str to these
+        First values of first-order unknowns z; functions of events, invariants and outputs may take ``(t, u, v, z, p)``.
     method : str or Method
         A name in `eig3.METHODS` such as "eig9", or a record such as ``EIG3(alpha=1.2)``; by default "eig3". With rtol:
         "rkn12" (default up to 1e-6 if rhs ignores v), "rk8" (default below 1e-4), "rk5" or "eig3".
@@ -85,23 +85,17 @@ def integrate(
     events : dict of str to Event
         Events by name: functions of the state, whose zeros the run locates; see `eig3.Event`.
     invariants, invariants_every : dict of str to jitted function, int
-        Functions ``e(t, u, v, p) -> float`` by name that the motion should conserve; see `drift` of the solution. They
-        are evaluated after about every `invariants_every`-th step, and more often at first.
+        Functions ``e(t, u, v, p) -> float`` that the motion should conserve, evaluated at about every so many steps.
     outputs : dict of str to jitted function, or to (jitted function, k)
         Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values; see `outputs` and `extremes`.
     h_max, first_step, max_steps : float, float, int
         With rtol: the longest step, the first step, and the largest number of steps.
     inline : bool
         Compile the loop with rhs inside: faster for long runs, for about a second of compilation.
-    check, progress, raise_on_failure : bool
-        Estimate the errors, by `Solution.check`. Show a progress bar. Raise `IntegrationError` if the run fails.
-    cancel : threading.Event
-        Set it in another thread to end the run.
+    check, progress, raise_on_failure, cancel : bool, bool, bool, threading.Event
+        Estimate the errors, by `Solution.check`; show a progress bar; raise `IntegrationError`; end when it is set.
     save_to : str or path
         A new or empty directory, to which the run writes its history as it computes; `eig3.load` reads it.
-    z0 : float or array_like, shape (k,); or dict of str to these
-        First-order unknowns at the first time. rhs gets them as z, one array in the order of the names. Functions of
-        events, invariants and outputs may take z too, between v and p.
 
     Returns
     -------

@@ -60,7 +60,8 @@ class Prepared:
         self, rhs: Any, form: Form, options: RunOptions, defaults: tuple = (), z0: np.ndarray | None = None
     ) -> None:
         self._defaults, self._z0, layout = defaults, z0, options.layout
-        rhs = options.first_order.bind_rhs(rhs)
+        unknowns = options.first_order
+        rhs = unknowns.bind_rhs(rhs) if unknowns.is_read else rhs
         rhs = layout.bind(rhs) if layout else rhs
         self._t_eval, self._every = options.t_eval, options.every
         if defaults:  # arrays are checked faster than other sequences at each call
@@ -110,8 +111,8 @@ class Prepared:
         u0, v0 : float or array_like, shape (n,)
         params : float or array_like, NamedTuple or dict
         z0 : float or array_like, or dict
-            Arguments left out have the values of the problem, for a run from `Problem.prepare`. Other runs need a span
-            and initial values; z0 is that of `eig3.prepare` if it is left out.
+            Arguments left out have the values of the problem, for a run from `Problem.prepare`. Other runs need a span,
+            u0 and v0; without z0, they start from the z0 of `eig3.prepare`.
         check, progress, raise_on_failure, cancel, save_to
             As for `eig3.integrate`.
 
@@ -137,7 +138,7 @@ class Prepared:
         u, v, form = check_state(u0, v0)
         if form is not self._system.form:
             raise self._wrong_form(u0)
-        if z0 is not None or self._system.first_order:
+        if z0 is not None or self._system.first_order.names:
             u, v = self._with_first_order(u, v, z0)
         if self.options.layout or (type(params) not in _WITHOUT_NAMES and has_names(params)):
             params = in_layout(self.options.layout, params)
@@ -242,7 +243,9 @@ class Prepared:
         if n not in self._tolerances:
             unknowns = self._system.first_order
             assert self.options.tolerances
-            self._tolerances[n] = self.options.tolerances.of(n - unknowns.size, unknowns.size, are_read=unknowns.is_read)
+            self._tolerances[n] = self.options.tolerances.of(
+                n - unknowns.size, unknowns.size, are_read=unknowns.is_read
+            )
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:
@@ -288,5 +291,5 @@ def prepare(rhs: Any, *, params: Any = None, z0: Any = None, **options: Any) -> 
         raise TypeError("params is for parameters with names; give an array to each call: prepared(t_span, u0, v0, p).")
     layout = None if params is None else named(params).layout
     unknowns, z = check_z0(rhs, z0)
-    form = VECTOR if unknowns else form_of(rhs)
+    form = VECTOR if unknowns.names else form_of(rhs)
     return Prepared(rhs, form, run_options(layout, first_order=unknowns, **options), z0=z)

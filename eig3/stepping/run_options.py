@@ -111,7 +111,9 @@ def run_options(
     """
     if first_order.is_read:
         if getattr(method, "jacobian", None) is not None:
-            raise ValueError("method must be without a jacobian, which would lack the first-order unknowns: leave it out.")
+            raise ValueError(
+                "method must be without a jacobian, which would lack the first-order unknowns: leave it out."
+            )
         events, invariants, outputs = map(first_order.bind_all, (events, invariants, outputs))
     if layout:
         method = layout.bind_method(method)

@@ -45,8 +45,8 @@ class Tolerances(NamedTuple):
     def of(self, n: int, n_first_order: int = 0, *, are_read: bool = False) -> Tolerances:
         """Return the tolerances of a run with n degrees of freedom and some first-order unknowns after them.
 
-        Unknowns that rhs reads have tolerances after those of the degrees of freedom. Unknowns that it does not read,
-        and the integrals of all unknowns, do not control the steps.
+        If rhs reads these unknowns, `atol` has their tolerances last. Otherwise they do not control the steps. The
+        integrals of unknowns never do.
         """
         if self.is_relative and not n_first_order:
             return self._replace(atol=np.zeros((2, n)))
