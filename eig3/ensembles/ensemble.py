@@ -112,8 +112,8 @@ def ensemble(
         A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it.
     z0 : array_like, shape (k,) or (m, k); or dict of str to array_like, shape () or (m,)
         First-order unknowns at the first time.
-    first_order, labels, **refused
-        The first two are set by `Problem.ensemble`. Options of single runs are refused.
+    first_order, labels
+        Set by `Problem.ensemble`. Other options are refused.
 
     Returns
     -------

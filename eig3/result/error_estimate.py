@@ -79,7 +79,7 @@ class ErrorEstimate:
 
     @property
     def largest(self) -> dict[str, float]:
-        """The largest absolute error of u, v, and each output, first-order unknown, invariant and event time, by name."""
+        """The largest absolute error of u, v, and of each other quantity and event time, by name."""
         arrays = {"u": self.u, "v": self.v, **self.outputs, **self.z, **self.drift, **self.events}
         return {name: _largest(values) for name, values in arrays.items()}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 _COUNT = 6  # values that a polynomial matches
@@ -29,7 +31,7 @@ def resampled(t: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarra
     if jumps.size:
         found, part = np.empty((len(values), len(times), *values.shape[2:])), np.searchsorted(t[jumps], times, "right")
         bounds = np.concatenate([[0], jumps + 1, [len(t)]])
-        for k, (begin, end) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
+        for k, (begin, end) in enumerate(pairwise(bounds)):
             found[:, part == k] = resampled(t[begin:end], values[:, begin:end], times[part == k])
         return found
     count = min(_COUNT, len(t))

@@ -50,7 +50,7 @@ class Goal(NamedTuple):
     Attributes
     ----------
     wanted : dict of str to float
-        The largest error of each quantity: "u", "v", "drift", or the name of an output, a first-order unknown or an event.
+        The largest error of each quantity: "u", "v", "drift", or the name of an output, of an event or in z0.
     scale : float or None
         The size to which the errors are relative; None for the largest size of each quantity.
     max_seconds : float

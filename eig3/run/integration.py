@@ -74,7 +74,7 @@ def integrate(
     params : float or array_like; or NamedTuple or dict
         The parameters. rhs gets them as p, a one-dimensional array of float64, or with their names, as ``p.k``.
     z0 : float or array_like, shape (k,); or dict of str to these
-        First values of first-order unknowns z; functions of events, invariants and outputs may take ``(t, u, v, z, p)``.
+        First values of first-order unknowns z. Functions of events, invariants and outputs may take z before p.
     method : str or Method
         A name in `eig3.METHODS` such as "eig9", or a record such as ``EIG3(alpha=1.2)``; by default "eig3". With rtol:
         "rkn12" (default up to 1e-6 if rhs ignores v), "rk8" (default below 1e-4), "rk5" or "eig3".
