@@ -376,7 +376,7 @@ class Problem:
                         f"{name} must have the shape ({n},) or (m, {n}) in {self.name}, not {np.shape(x)}."
                     )
             first = self.z0 if z0 is None else {**self.z0, **z0} if isinstance(z0, Mapping) else z0
-            start = [*self.unknowns.start(*start, self.unknowns.again(first))]
+            start = [*self.unknowns.start(start[0], start[1], self.unknowns.again(first))]
         return ensemble(self.rhs, span, *start, h=h, params=params, **options)
 
     @with_suggestions(Stepper.__init__)

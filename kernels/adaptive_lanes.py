@@ -300,8 +300,9 @@ def widen_sizes(atol, of, y):
         for lane in range(LANES):
             j = d * LANES + lane
             u_now, v_now = max(u_most[j], abs(u[j])), max(v_most[j], abs(v[j]))
-            u_most[j], v_most[j] = (u_now if counts else u_most[j]), (v_now if counts else v_most[j])
-            most[lane], more[lane] = max(most[lane], u_most[j]), max(more[lane], v_most[j])
+            u_most[j], v_most[j] = u_now, v_now
+            most[lane] = max(most[lane], u_now if counts else 0.0)
+            more[lane] = max(more[lane], v_now if counts else 0.0)
     for lane in range(LANES):
         is_new = (more[lane] > v_blur[lane]) & (ok[lane] > 0)
         u_size[lane], v_size[lane] = (most[lane] if is_new else u_size[lane]), (more[lane] if is_new else v_size[lane])

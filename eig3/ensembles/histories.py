@@ -202,12 +202,15 @@ class Histories:
 
     def note_events(self, member: np.ndarray, rows: np.ndarray) -> None:
         """Store occurrences of members that ran in lanes, from the rows of a log: see `eig3.kernels.protocol.Watch`."""
-        n = self.members.n
-        states = rows[:, 2:].reshape(len(rows), 4, n)[..., : n - self.options.first_order.size]
+        states = rows[:, 2:].reshape(len(rows), 4, self.members.n)
         for k, name in enumerate(self.events):
             mine = rows[:, 0] == k
-            found = (self.shaped(states[mine, i]) for i in range(4))
-            self.events[name].append((member[mine], Occurrences(rows[mine, 1], *found)))
+            found = Occurrences(rows[mine, 1], *(self.shaped(states[mine, i]) for i in range(4)))
+            self.events[name].append((member[mine], self._separated(found)))
+
+    def _separated(self, found: Occurrences) -> Occurrences:
+        unknowns = self.options.first_order
+        return found.separated(unknowns) if unknowns.names else found
 
     def end_by_events(self, chosen: np.ndarray, event: np.ndarray, t: np.ndarray) -> None:
         """Set the status of members that the events of these numbers have ended."""
@@ -244,8 +247,8 @@ class Histories:
         again: Callable[..., EnsembleSolution] | None,
     ) -> EnsembleSolution:
         """Return the result of the ensemble, or of its part."""
-        rows, degrees = slice(self._longest), self.u.shape[2] - self.options.first_order.size
-        shape = () if self.members.form is SCALAR else (degrees,)
+        rows = slice(self._longest)
+        none = self._separated(Occurrences(np.empty(0), *(self.shaped(np.empty((4, 0, self.members.n))))))
         extremes = {name: each(partial(self._valued, name), x) for name, x in self.extremes.items()}
         solution = EnsembleSolution(
             **{name: getattr(self, name) for name in OF_RUNS} | {"extremes": extremes},
@@ -255,7 +258,7 @@ class Histories:
             params=self.members.params,
             method=self.options.method,
             outputs={name: self._valued(name, x[:, rows]) for name, x in self.outputs.items()},
-            events={name: MemberOccurrences.joined(len(self.u), shape, each) for name, each in self.events.items()},
+            events={name: MemberOccurrences.joined(len(self.u), none, each) for name, each in self.events.items()},
             steps=None if self.steps is None else self.steps[:, rows],
             first=self.members.first,
             labels=self.options.labels,

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ..functions.events import Occurrences, table_of
+from ..result.columns import each
 
-_STATES = "u", "v", "u_after", "v_after"
+_STATES = "u", "v", "u_after", "v_after", "z", "z_after"
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,8 @@ class MemberOccurrences:
         The states after `apply`.
     first : ndarray, shape (m,)
         The time of the first occurrence in each member; NaN if there is none.
+    z, z_after : dict of str to ndarray
+        First-order unknowns before and after `apply`, by the names of z0.
     """
 
     member: np.ndarray
@@ -38,20 +41,21 @@ class MemberOccurrences:
     u_after: np.ndarray
     v_after: np.ndarray
     first: np.ndarray
+    z: dict[str, np.ndarray] = field(default_factory=dict)
+    z_after: dict[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod
-    def joined(
-        cls, m: int, degrees: tuple[int, ...], some: Sequence[tuple[np.ndarray, Occurrences]]
-    ) -> MemberOccurrences:
-        """Return the occurrences in m members with some degrees of freedom.
+    def joined(cls, m: int, none: Occurrences, some: Sequence[tuple[np.ndarray, Occurrences]]) -> MemberOccurrences:
+        """Return the occurrences in m members.
 
-        `some` has occurrences with their members, grouped by member and ordered by time.
+        `some` has occurrences with their members, grouped by member and ordered by time; `none` has no occurrence.
         """
-        none = np.empty((0, *degrees))
         numbers = np.concatenate([np.empty(0, dtype=np.int64), *(member for member, _ in some)])
-        order = np.argsort(numbers, kind="stable")
-        member, t = numbers[order], np.concatenate([np.empty(0), *(found.t for _, found in some)])[order]
-        states = {name: np.concatenate([none, *(getattr(found, name) for _, found in some)])[order] for name in _STATES}
+        order, parts = np.argsort(numbers, kind="stable"), [none, *(found for _, found in some)]
+        member, t = numbers[order], np.concatenate([found.t for found in parts])[order]
+        states: dict[str, Any] = {}
+        for name in _STATES:
+            states[name] = each(lambda *x: np.concatenate(x)[order], *(getattr(found, name) for found in parts))
         first = np.full(m, np.nan)
         first[member[::-1]] = t[::-1]  # the first occurrence is written last
         return cls(member, t, first=first, **states)
@@ -66,7 +70,7 @@ class MemberOccurrences:
     def of_member(self, i: int) -> Occurrences:
         """Return the occurrences in member i."""
         chosen = slice(*np.searchsorted(self.member, [i, i + 1]))
-        return Occurrences(*(getattr(self, name)[chosen] for name in ("t", *_STATES)))
+        return Occurrences(*(each(lambda x: x[chosen], getattr(self, name)) for name in ("t", *_STATES)))
 
     def with_part(self, part: MemberOccurrences, first: int) -> MemberOccurrences:
         """Return these occurrences together with the occurrences of a part that begins with member `first`."""
@@ -80,5 +84,5 @@ class MemberOccurrences:
             joined(self.member, first + part.member),
             joined(self.t, part.t),
             first=np.concatenate([self.first[:first], part.first, self.first[end:]]),
-            **{name: joined(getattr(self, name), getattr(part, name)) for name in _STATES},
+            **{name: each(joined, getattr(self, name), getattr(part, name)) for name in _STATES},
         )

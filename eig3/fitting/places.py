@@ -153,7 +153,7 @@ def _place(problem: Problem, name: Any) -> Place:
     if head not in heads:
         raise unknown_name(f"{problem.name} has", head, [*heads], ValueError)
     field, key = heads[head]
-    if key:
+    if key and field == "params":
         _check_kind(problem, key)
     place = Place(name, field, key, index)
     shape = place.array(problem).shape

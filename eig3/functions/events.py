@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -77,6 +77,8 @@ class Occurrences:
         The states before the `apply` of the event.
     u_after, v_after : ndarray, shape (k,) or (k, n)
         The states after `apply`; the same as u and v if the event has no `apply`.
+    z, z_after : dict of str to ndarray
+        First-order unknowns before and after `apply`, by the names of z0.
     """
 
     t: np.ndarray
@@ -84,20 +86,35 @@ class Occurrences:
     v: np.ndarray
     u_after: np.ndarray
     v_after: np.ndarray
+    z: dict[str, np.ndarray] = field(default_factory=dict)
+    z_after: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t)
 
-    def of(self, degrees: slice) -> Occurrences:
-        """Return the occurrences with some of the n degrees of freedom."""
-        return Occurrences(self.t, *(x[:, degrees] for x in (self.u, self.v, self.u_after, self.v_after)))
+    def separated(self, unknowns: Any) -> Occurrences:
+        """Return the occurrences with the `FirstOrder` unknowns, which are the last degrees of freedom, as z."""
+        u, v, z = unknowns.separated(self.u, self.v)
+        u_after, v_after, z_after = unknowns.separated(self.u_after, self.v_after)
+        return Occurrences(self.t, u, v, u_after, v_after, z, z_after)
 
     @property
     def jumps(self) -> Occurrences:
         """The occurrences at which `apply` changed the state."""
-        changed = (self.u != self.u_after) | (self.v != self.v_after)
-        some = changed if changed.ndim == 1 else changed.any(axis=1)
-        return Occurrences(*(x[some] for x in (self.t, self.u, self.v, self.u_after, self.v_after)))
+        pairs = (
+            (self.u, self.u_after),
+            (self.v, self.v_after),
+            *zip(self.z.values(), self.z_after.values(), strict=True),
+        )
+        some = np.zeros(len(self), dtype=bool)
+        for before, after in pairs:
+            some |= (before != after).reshape(len(self), -1).any(axis=1)
+        return self.map(lambda x: x[some])
+
+    def map(self, function: Callable[[np.ndarray], np.ndarray]) -> Occurrences:
+        """Return the occurrences with ``function(x)`` for each array x."""
+        arrays = map(function, (self.t, self.u, self.v, self.u_after, self.v_after))
+        return Occurrences(*arrays, *({name: function(x) for name, x in z.items()} for z in (self.z, self.z_after)))
 
     def to_pandas(self) -> Any:
         """Return a `pandas.DataFrame` with a row for each occurrence: its time, and the states before and after."""
@@ -120,6 +137,9 @@ def table_of(columns: dict[str, np.ndarray], found: Any) -> Any:
         for letter in "uv":
             values = getattr(found, letter + after)
             columns |= {f"{letter}{j}{after}": x for j, x in enumerate(np.atleast_2d(values.T))}
+        for name, values in getattr(found, "z" + after).items():
+            wide = {name: values} if values.ndim == 1 else {f"{name}[{j}]": x for j, x in enumerate(values.T)}
+            columns |= {f"{key}{after}": x for key, x in wide.items()}
     return pandas.DataFrame(columns)
 
 

@@ -1,7 +1,7 @@
 """First-order unknowns z of a system u'' = f(t, u, v, z), z' = g(t, u, v, z).
 
-Kernels have second-order unknowns only. They get z as the velocities of further degrees of freedom after the n of u. The
-accelerations of these are z'. Their displacements, the integrals of z, have no use.
+Kernels have second-order unknowns only. They get z as the velocities of further degrees of freedom after the n of u.
+The accelerations of these are z'. Their displacements, the integrals of z, have no use.
 """
 
 from __future__ import annotations

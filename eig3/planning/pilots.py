@@ -402,7 +402,11 @@ class Pilots:
             options["invariants_every"] = 1
         else:
             options["invariants"] = {}
-        window = self.problem.with_(u0=self._motion(self._u0), v0=self._motion(self._v0), t_span=self.window)
+        problem = self.problem
+        start: dict[str, Any] = {"u0": self._motion(self._u0), "v0": self._motion(self._v0)}
+        if problem.unknowns.is_read:
+            start["z0"] = problem.unknowns.separated(self._u0, self._v0)[2]
+        window = problem.with_(**start, t_span=self.window)
         return window.integrate(method=method, max_steps=most, **options)
 
     def _motion(self, x: Any) -> Any:
@@ -423,7 +427,8 @@ class Pilots:
 
     @property
     def _start_energy(self) -> float:
-        return float(self.problem.energy_of(self.problem.u0, self.problem.v0))
+        problem = self.problem
+        return float(problem.energy_of(problem.u0, problem.v0, z=problem.z0 if problem.unknowns.is_read else None))
 
     def _drift(self, first: int, spacing: float, u: np.ndarray, v: np.ndarray) -> float:
         """The largest relative change of the energy over states with this spacing."""
@@ -441,7 +446,7 @@ class Pilots:
         assert self._reference is not None
         u = history.u
         both = math.gcd(len(u), len(self._reference))
-        u, known = (x[len(x) // both - 1 :: len(x) // both] for x in (u, self._reference))
+        u, known = (self._motion(x[len(x) // both - 1 :: len(x) // both]) for x in (u, self._reference))
         errors = np.abs(u - known).reshape(both, -1).max(axis=1) / self.size
         error, half = float(errors.max()), float(errors[: both // 2].max())
         return error, min(2.0, max(0.0, math.log2(error / half))) if half > 0 else 1.0

@@ -243,11 +243,10 @@ class Solution:
 
     @property
     def _evaluate(self) -> Callable[..., np.ndarray] | None:
-        """The accelerations as a function of t, u and v within the span; z is interpolated."""
-        if self._accelerations is None or not self._reads_z:
-            return self._accelerations
-        z = np.column_stack([x.reshape(len(self.t), -1) for x in self.z.values()])
-        return partial(_accelerations_with_z, self._accelerations, self.t, z)
+        """The accelerations as a function of t, u, v and z, an array of shape (states, k)."""
+        return (
+            None if self._accelerations is None else partial(_accelerations_with_z, self._accelerations, self._reads_z)
+        )
 
     @property
     def _params(self) -> np.ndarray | None:
@@ -323,17 +322,15 @@ class Solution:
         """
         times = self._within_span(t)
         if self._between is not None and self._whole and len(self.t) > 1:
-            v = self._between(self.t, *self._whole, times.ravel())[1]
-            place, found = self.u.shape[1], {}
-            for name, x in self.z.items():
-                size = x[0].size
-                found[name] = v[:, place : place + size].reshape(times.shape + x.shape[1:])[()]
-                place += size
-            return found
-        return {
-            name: resampled(self.t, x[None], times.ravel())[0].reshape(times.shape + x.shape[1:])[()]
-            for name, x in self.z.items()
-        }
+            values = self._between(self.t, *self._whole, times.ravel())[1][:, self.u.shape[1] :]
+        else:
+            values = resampled(*self._rows_of_z(), times.ravel())[0]
+        place, found = 0, {}
+        for name, x in self.z.items():
+            width = x[:1].size
+            found[name] = values[:, place : place + width].reshape(times.shape + x.shape[1:])[()]
+            place += width
+        return found
 
     def _within_span(self, t: ArrayLike) -> np.ndarray:
         """Return checked times."""
@@ -362,7 +359,10 @@ class Solution:
             # not a method of this object: with a reference cycle, its arrays would stay until the garbage collector
             # runs
             steps = partial(_steps_to, self.t, self.h, self.steps)
-            self._knots = knots, Resolution(knots, self._knots_of_a_polynomial, self._evaluate, steps)
+            evaluate = self._accelerations
+            if evaluate and self._reads_z:
+                evaluate = partial(_with_interpolated_z, evaluate, *self._rows_of_z())
+            self._knots = knots, Resolution(knots, self._knots_of_a_polynomial, evaluate, steps)
         return self._knots
 
     @property
@@ -456,37 +456,46 @@ class Solution:
         """Move first-order unknowns, which are the velocities of the last degrees of freedom, to `z`."""
         self._whole, self._reads_z = (self.u, self.v), unknowns.is_read
         self.u, self.v, self.z = unknowns.separated(*self._whole)
-        n = self.u.shape[1]
-        self.events = {name: occurrences.of(slice(n)) for name, occurrences in self.events.items()}
+        self.events = {name: occurrences.separated(unknowns) for name, occurrences in self.events.items()}
 
-    def _states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return t, u and v of the saved states, then before the jumps, then after the jumps."""
+    def _states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return t, u, v and z of the saved states, then before the jumps, then after the jumps."""
         jumps = [jumps for jumps in (o.jumps for o in self.events.values()) if len(jumps)]
         if not jumps:
-            return self.t, self.u, self.v
+            return self.t, self.u, self.v, _flat(self.z, len(self.t))
         t = np.concatenate([self.t] + 2 * [jump.t for jump in jumps])
         u = np.concatenate([self.u, *(jump.u for jump in jumps), *(jump.u_after for jump in jumps)])
         v = np.concatenate([self.v, *(jump.v for jump in jumps), *(jump.v_after for jump in jumps)])
-        return t, u, v
+        z = [_flat(self.z, len(self.t)), *(_flat(jump.z, len(jump)) for jump in jumps)]
+        return t, u, v, np.concatenate([*z, *(_flat(jump.z_after, len(jump)) for jump in jumps)])
 
     def _all_knots(self) -> Knots:
         """Return the saved states and the states before and after each jump, in the order of time."""
-        t, u, v = self._states()
-        m = len(self.t)
+        order, (t, u, v, z) = self._order(), self._states()
+        if order is not None:
+            t, u, v, z = t[order], u[order], v[order], z[order]
+        return Knots(t, u, v, self._known_accelerations(t, u, v, z, order))
+
+    def _rows_of_z(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the times of all knots, and all z there, of the shape (1, knots, k)."""
+        order, (t, _, _, z) = self._order(), self._states()
+        return (t, z[None]) if order is None else (t[order], z[None, order])
+
+    def _order(self) -> np.ndarray | None:
+        """Return the places of the knots among the rows of `_states`, in the order of time; None without jumps."""
+        t, m = self._states()[0], len(self.t)
         if len(t) == m:
-            return Knots(t, u, v, self._known_accelerations(t, u, v, None))
+            return None
         jumps = t[m : (m + len(t)) // 2]
         saved = np.searchsorted(self.t, jumps, side="right") - np.searchsorted(self.t, jumps, side="left")
         # A jump replaces the state that was saved at its time. Two states at the same time are a jump.
         is_knot = ~np.isin(t, jumps[saved == 1])
         is_knot[m:] = np.tile((saved < 2) & (self.t[0] <= jumps) & (jumps <= self.t[-1]), 2)
         order = np.argsort(t, kind="stable")
-        order = order[is_knot[order]]
-        t, u, v = t[order], u[order], v[order]
-        return Knots(t, u, v, self._known_accelerations(t, u, v, order))
+        return order[is_knot[order]]
 
     def _known_accelerations(
-        self, t: np.ndarray, u: np.ndarray, v: np.ndarray, order: np.ndarray | None
+        self, t: np.ndarray, u: np.ndarray, v: np.ndarray, z: np.ndarray, order: np.ndarray | None
     ) -> Callable[[np.ndarray], np.ndarray] | None:
         """Return the accelerations as a function for `Knots`, for `_states` in another order, if they are known."""
         if self._a is not None:
@@ -497,7 +506,7 @@ class Solution:
             return None
 
         def accelerations(rows: np.ndarray) -> np.ndarray:
-            return evaluate(t[rows], u[rows], v[rows])
+            return evaluate(t[rows], u[rows], v[rows], z[rows])
 
         return accelerations
 
@@ -621,11 +630,23 @@ def whole_rows(solution: Solution, n: int) -> tuple[np.ndarray, np.ndarray, np.n
     return solution.t, u, v
 
 
+def _flat(z: dict[str, np.ndarray], m: int) -> np.ndarray:
+    """Return first-order unknowns at m states in one array of shape (m, k)."""
+    return np.concatenate([np.empty((m, 0)), *(x.reshape(m, -1) for x in z.values())], axis=1)
+
+
 def _accelerations_with_z(
-    evaluate: Callable[..., np.ndarray], saved: np.ndarray, z: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray
+    evaluate: Callable[..., np.ndarray], reads_z: bool, t: np.ndarray, u: np.ndarray, v: np.ndarray, z: np.ndarray
 ) -> np.ndarray:
-    """Return the accelerations at states between saved states, at which z is interpolated."""
-    return evaluate(t, *_with_z(u, v, [resampled(saved, z[None], t)[0]], 0.0))[:, : u.shape[1]]
+    """Return the accelerations at states with z."""
+    return evaluate(t, *_with_z(u, v, [z], 0.0))[:, : u.shape[1]] if reads_z else evaluate(t, u, v)
+
+
+def _with_interpolated_z(
+    evaluate: Callable[..., np.ndarray], knots: np.ndarray, z: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray
+) -> np.ndarray:
+    """Return the accelerations at states between knots."""
+    return _accelerations_with_z(evaluate, True, t, u, v, resampled(knots, z, t)[0])
 
 
 def _with_z(u: np.ndarray, v: np.ndarray, z: Sequence[np.ndarray], integral: float) -> tuple[np.ndarray, np.ndarray]:

@@ -112,7 +112,11 @@ def _are_occurrences(x: Any, degrees: tuple[int, ...]) -> bool:
     if not (_is_array(x.t) and x.t.ndim == 1):
         return False
     states = x.u, x.v, x.u_after, x.v_after
-    return all(_is_array(state) and state.shape == (len(x.t), *degrees) for state in states)
+    are_z = (
+        isinstance(z, dict) and all(_is_array(y) and y.shape[:1] == x.t.shape for y in z.values())
+        for z in (x.z, x.z_after)
+    )
+    return all(_is_array(state) and state.shape == (len(x.t), *degrees) for state in states) and all(are_z)
 
 
 def _is_state(x: Any, has_steps: bool) -> bool:

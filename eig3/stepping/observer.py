@@ -231,15 +231,18 @@ class Observer:
     def recall(self, events: Mapping[str, Occurrences], counts: Mapping[str, int] | None = None) -> None:
         """Set the occurrences so far to the first occurrences of each event, or to all.
 
-        Their states may lack the degrees of freedom of first-order unknowns, which are then NaN.
+        Of first-order unknowns, only the velocities are known.
         """
         rows = []
         for k, name in enumerate(self.system.events):
             found = events[name]
             mine = np.full((len(found), 2 + 4 * self._n), np.nan)
             mine[:, 0], mine[:, 1] = k, found.t
-            for i, state in enumerate((found.u, found.v, found.u_after, found.v_after)):
-                begin, columns = 2 + i * self._n, state if state.ndim == 2 else state[:, None]
+            z, z_after = ([x.reshape(len(x), -1) for x in each.values()] for each in (found.z, found.z_after))
+            for i, (state, more) in enumerate(
+                ((found.u, []), (found.v, z), (found.u_after, []), (found.v_after, z_after))
+            ):
+                begin, columns = 2 + i * self._n, np.column_stack([state, *more])
                 mine[:, begin : begin + columns.shape[1]] = columns
             rows.append(mine if counts is None else mine[: counts[name]])
         found_rows = np.concatenate([self.watch.log[:0], *rows])

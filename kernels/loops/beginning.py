@@ -70,8 +70,8 @@ def set_sizes(counters, y, n, atol):
     """Write the sizes of u and v at the start. Velocities that are all zero get the size sqrt(u a) of vibrations."""
     a_size = 0.0
     for j in range(n):
-        if atol[0, j] < math.inf:
-            y[U_MOST][j], y[V_MOST][j] = abs(y[U][j]), abs(y[V][j])
+        y[U_MOST][j], y[V_MOST][j] = abs(y[U][j]), abs(y[V][j])
+        if atol[0, j] < math.inf:  # not a first-order unknown
             counters[U_SIZE], counters[V_SIZE] = (
                 max(counters[U_SIZE], abs(y[U][j])),
                 max(counters[V_SIZE], abs(y[V][j])),
