@@ -44,7 +44,10 @@ def full_solution():
         extremes={"energy": eig3.Extremes(-np.inf, np.inf, 0.5, 1.0)},
         notes=("One.", 'Two "quoted".'),
         z={"work": run.u**2},
-        events={"never": Occurrences(*5 * [np.empty(0)]), "impact": Occurrences(np.array([1.05]), *before, *after)},
+        events={
+            "never": Occurrences(*5 * [np.empty(0)], *2 * [{"work": np.empty(0)}]),
+            "impact": Occurrences(np.array([1.05]), *before, *after, *2 * [{"work": np.array([0.1])}]),
+        },
         outputs={"reaction": 3 * run.u, "storey drift": np.stack([run.u, run.v], axis=1)},
         n_rejected=3,
         steps=np.where(run.t > 1, np.nan, 0.1),
@@ -226,7 +229,7 @@ def rewritten(path, change):
 def test_files_of_another_version_and_broken_records_are_refused(tmp_path):
     path = oscillate().save(tmp_path / "run")
     rewritten(path, lambda record, arrays: record.update(version=storage._VERSION + 1, solution="of another form"))
-    with pytest.raises(ValueError, match=r"has version 7 of its format, and not 6: use the eig3 that wrote it"):
+    with pytest.raises(ValueError, match=r"has version 8 of its format, and not 7: use the eig3 that wrote it"):
         eig3.load(path)
     changes = [
         lambda record, arrays: record.pop("version"),

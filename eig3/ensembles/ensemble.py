@@ -152,10 +152,9 @@ def ensemble(
         check_cancel(cancel)
     if reduce is not None and save_to is not None:
         raise ValueError("reduce and save_to exclude each other: save_to keeps the states that reduce drops.")
-    if z0 is not None or not first_order:
+    if z0 is not None:
         first_order, z = check_z0(rhs, z0, of_members=True)
-        if first_order:
-            (u0, v0), rhs = first_order.start(u0, v0, z), first_order.bind_rhs(rhs)
+        (u0, v0), rhs = first_order.start(u0, v0, z), first_order.bind_rhs(rhs)
     named_params = params
     if has_names(params):
         params, one = split(rhs, params, check_span(t_span)[0], u0, v0, 0.0 if h is None else h)

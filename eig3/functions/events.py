@@ -108,13 +108,14 @@ class Occurrences:
         )
         some = np.zeros(len(self), dtype=bool)
         for before, after in pairs:
-            some |= (before != after).reshape(len(self), -1).any(axis=1)
+            some |= (before != after).any(axis=tuple(range(1, before.ndim)))
         return self.map(lambda x: x[some])
 
     def map(self, function: Callable[[np.ndarray], np.ndarray]) -> Occurrences:
         """Return the occurrences with ``function(x)`` for each array x."""
-        arrays = map(function, (self.t, self.u, self.v, self.u_after, self.v_after))
-        return Occurrences(*arrays, *({name: function(x) for name, x in z.items()} for z in (self.z, self.z_after)))
+        t, u, v, u_after, v_after = map(function, (self.t, self.u, self.v, self.u_after, self.v_after))
+        z, z_after = ({name: function(x) for name, x in each.items()} for each in (self.z, self.z_after))
+        return Occurrences(t, u, v, u_after, v_after, z, z_after)
 
     def to_pandas(self) -> Any:
         """Return a `pandas.DataFrame` with a row for each occurrence: its time, and the states before and after."""

@@ -224,6 +224,11 @@ def is_bound(function: Any) -> bool:
     return False
 
 
+def flat(z: Mapping[str, np.ndarray], m: int) -> np.ndarray:
+    """Return the unknowns of m states by name as one array, shape (m, k)."""
+    return np.column_stack([np.empty((m, 0)), *(x.reshape(m, math.prod(x.shape[1:])) for x in z.values())])
+
+
 def _reads_z(rhs: Any) -> bool:
     """Whether a right-hand side has the form with z, or is bound to z."""
     function = getattr(rhs, "py_func", rhs)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import reals
 from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
-from ..functions.first_order import FirstOrder
+from ..functions.first_order import FirstOrder, flat
 from ..kernels.compile.interrupt import keeping, with_solution
 from ..methods import Method
 from . import frames, storage
@@ -462,12 +462,12 @@ class Solution:
         """Return t, u, v and z of the saved states, then before the jumps, then after the jumps."""
         jumps = [jumps for jumps in (o.jumps for o in self.events.values()) if len(jumps)]
         if not jumps:
-            return self.t, self.u, self.v, _flat(self.z, len(self.t))
+            return self.t, self.u, self.v, flat(self.z, len(self.t))
         t = np.concatenate([self.t] + 2 * [jump.t for jump in jumps])
         u = np.concatenate([self.u, *(jump.u for jump in jumps), *(jump.u_after for jump in jumps)])
         v = np.concatenate([self.v, *(jump.v for jump in jumps), *(jump.v_after for jump in jumps)])
-        z = [_flat(self.z, len(self.t)), *(_flat(jump.z, len(jump)) for jump in jumps)]
-        return t, u, v, np.concatenate([*z, *(_flat(jump.z_after, len(jump)) for jump in jumps)])
+        z = [flat(self.z, len(self.t)), *(flat(jump.z, len(jump)) for jump in jumps)]
+        return t, u, v, np.concatenate([*z, *(flat(jump.z_after, len(jump)) for jump in jumps)])
 
     def _all_knots(self) -> Knots:
         """Return the saved states and the states before and after each jump, in the order of time."""
@@ -624,22 +624,17 @@ def whole_rows(solution: Solution, n: int) -> tuple[np.ndarray, np.ndarray, np.n
     """
     u, v = solution._whole or (solution.u, solution.v)
     if solution._whole is None and solution.z:
-        u, v = _with_z(u, v, [x.reshape(len(v), -1) for x in solution.z.values()], np.nan)
+        u, v = _with_z(u, v, flat(solution.z, len(v)), np.nan)
     if (u.shape[1] if u.ndim == 2 else 1) != n:
         raise ValueError(f"the states have {u.shape[1:]} degrees of freedom and not {n}.")
     return solution.t, u, v
-
-
-def _flat(z: dict[str, np.ndarray], m: int) -> np.ndarray:
-    """Return first-order unknowns at m states in one array of shape (m, k)."""
-    return np.concatenate([np.empty((m, 0)), *(x.reshape(m, -1) for x in z.values())], axis=1)
 
 
 def _accelerations_with_z(
     evaluate: Callable[..., np.ndarray], reads_z: bool, t: np.ndarray, u: np.ndarray, v: np.ndarray, z: np.ndarray
 ) -> np.ndarray:
     """Return the accelerations at states with z."""
-    return evaluate(t, *_with_z(u, v, [z], 0.0))[:, : u.shape[1]] if reads_z else evaluate(t, u, v)
+    return evaluate(t, *_with_z(u, v, z, 0.0))[:, : u.shape[1]] if reads_z else evaluate(t, u, v)
 
 
 def _with_interpolated_z(
@@ -649,9 +644,9 @@ def _with_interpolated_z(
     return _accelerations_with_z(evaluate, True, t, u, v, resampled(knots, z, t)[0])
 
 
-def _with_z(u: np.ndarray, v: np.ndarray, z: Sequence[np.ndarray], integral: float) -> tuple[np.ndarray, np.ndarray]:
+def _with_z(u: np.ndarray, v: np.ndarray, z: np.ndarray, integral: float) -> tuple[np.ndarray, np.ndarray]:
     """Return u and v with further degrees of freedom, whose velocities are z."""
-    v = np.column_stack([v, *z])
+    v = np.column_stack([v, z])
     return np.column_stack([u, np.full((len(u), v.shape[1] - u.shape[1]), integral)]), v
 
 

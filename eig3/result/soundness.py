@@ -26,9 +26,9 @@ _DTYPES: dict[type, Any] = {float: np.float64, int: np.int64}  # of arrays; arra
 
 def check_run(fields: Mapping[str, Any]) -> None:
     """Raise a ValueError if a field of a solution does not have its type and shape."""
-    states, degrees = _shapes(fields["u"], 1)
+    (states, degrees), z = _shapes(fields["u"], 1), _shapes_of_z(fields["z"], 1)
     tests: dict[str, Test] = {
-        "events": partial(_are_named, lambda x: isinstance(x, Occurrences) and _are_occurrences(x, degrees)),
+        "events": partial(_are_named, lambda x: isinstance(x, Occurrences) and _are_occurrences(x, degrees, z)),
         "_a": lambda x: x is None or (_is_array(x) and x.shape == states + degrees),
         "_a_jumps": lambda x: x is None or (_is_array(x) and x.ndim == 1 + len(degrees) and x.shape[1:] == degrees),
         "_explanation": lambda x: isinstance(x, str),
@@ -43,11 +43,11 @@ def check_run(fields: Mapping[str, Any]) -> None:
 
 def check_ensemble(fields: Mapping[str, Any], occurrences: Any) -> None:
     """Raise a ValueError if a field of an ensemble is wrong; `occurrences` is the class of event occurrences."""
-    states, degrees = _shapes(fields["u"], 2)
+    (states, degrees), z = _shapes(fields["u"], 2), _shapes_of_z(fields["z"], 2)
     m = states[0]
 
     def are_of_members(x: Any) -> bool:
-        if not isinstance(x, occurrences) or not _are_occurrences(x, degrees):
+        if not isinstance(x, occurrences) or not _are_occurrences(x, degrees, z):
             return False
         has_first = _is_array(x.first) and x.first.shape == (m,)
         has_members = isinstance(x.member, np.ndarray) and x.member.dtype == np.int64 and x.member.shape == x.t.shape
@@ -67,6 +67,11 @@ def _shapes(u: Any, axes: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
     if not (_is_array(u) and u.ndim in (axes, axes + 1)):
         raise ValueError("u does not have the shape of a history.")
     return u.shape[:axes], u.shape[axes:]
+
+
+def _shapes_of_z(z: Any, axes: int) -> dict[str, tuple[int, ...]]:
+    """Return the shape of each first-order unknown in a state; the fields are checked later."""
+    return {name: np.shape(x)[axes:] for name, x in z.items()} if isinstance(z, dict) else {}
 
 
 def _check(
@@ -107,16 +112,17 @@ def _is_column(column: Column, states: tuple[int, ...], degrees: tuple[int, ...]
     return is_value(x) or (column.name == "steps" and x is None)
 
 
-def _are_occurrences(x: Any, degrees: tuple[int, ...]) -> bool:
+def _are_occurrences(x: Any, degrees: tuple[int, ...], z: Mapping[str, tuple[int, ...]]) -> bool:
     """Whether the times and states of events match."""
     if not (_is_array(x.t) and x.t.ndim == 1):
         return False
     states = x.u, x.v, x.u_after, x.v_after
-    are_z = (
-        isinstance(z, dict) and all(_is_array(y) and y.shape[:1] == x.t.shape for y in z.values())
-        for z in (x.z, x.z_after)
-    )
-    return all(_is_array(state) and state.shape == (len(x.t), *degrees) for state in states) and all(are_z)
+    for values in (x.z, x.z_after):
+        if not isinstance(values, dict) or values.keys() != z.keys():
+            return False
+        if not all(_is_array(y) and y.shape == (len(x.t), *z[name]) for name, y in values.items()):
+            return False
+    return all(_is_array(state) and state.shape == (len(x.t), *degrees) for state in states)
 
 
 def _is_state(x: Any, has_steps: bool) -> bool:

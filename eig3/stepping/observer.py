@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..functions.checks import reals
 from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
+from ..functions.first_order import flat
 from ..functions.guard import beyond, guarded
 from ..kernels.loops.zeros import NEAR
 from ..kernels.protocol import (
@@ -238,11 +239,9 @@ class Observer:
             found = events[name]
             mine = np.full((len(found), 2 + 4 * self._n), np.nan)
             mine[:, 0], mine[:, 1] = k, found.t
-            z, z_after = ([x.reshape(len(x), -1) for x in each.values()] for each in (found.z, found.z_after))
-            for i, (state, more) in enumerate(
-                ((found.u, []), (found.v, z), (found.u_after, []), (found.v_after, z_after))
-            ):
-                begin, columns = 2 + i * self._n, np.column_stack([state, *more])
+            u_and_v = (found.u, {}), (found.v, found.z), (found.u_after, {}), (found.v_after, found.z_after)
+            for i, (state, z) in enumerate(u_and_v):
+                begin, columns = 2 + i * self._n, np.column_stack([state, flat(z, len(found))])
                 mine[:, begin : begin + columns.shape[1]] = columns
             rows.append(mine if counts is None else mine[: counts[name]])
         found_rows = np.concatenate([self.watch.log[:0], *rows])
