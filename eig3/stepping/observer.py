@@ -239,7 +239,7 @@ class Observer:
             found = events[name]
             mine = np.full((len(found), 2 + 4 * self._n), np.nan)
             mine[:, 0], mine[:, 1] = k, found.t
-            u_and_v = (found.u, {}), (found.v, found.z), (found.u_after, {}), (found.v_after, found.z_after)
+            u_and_v: Any = (found.u, {}), (found.v, found.z), (found.u_after, {}), (found.v_after, found.z_after)
             for i, (state, z) in enumerate(u_and_v):
                 begin, columns = 2 + i * self._n, np.column_stack([state, flat(z, len(found))])
                 mine[:, begin : begin + columns.shape[1]] = columns
