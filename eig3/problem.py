@@ -570,7 +570,7 @@ class Problem:
         """Return the invariants, with the energy minus the work if the problem integrates the work."""
         if "work" not in self.z0 or not isinstance(invariants, Mapping):
             return invariants
-        balance = EnergyLessWork(self.energy, np.size(self.u0) + [*self.z0].index("work"))
+        balance = EnergyLessWork(self.energy, np.size(self.u0) + self.unknowns.begin("work"))
         return {name: balance if function is self.energy else function for name, function in invariants.items()}
 
 

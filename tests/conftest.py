@@ -170,10 +170,12 @@ def acceleration(problem, u, v, t=0.0, rhs=None):
 
     The problem's rhs is called as a kernel calls it, so that it compiles once: Python would call it with other types.
     """
-    a = np.full(np.size(problem.u0), np.nan)
+    if problem.unknowns.is_read:
+        u, v = problem.unknowns.start(u, v, problem.unknowns.joined(problem.z0))
+    a = np.full(np.size(u), np.nan)
     rhs = rhs or check_callback(problem.rhs, "rhs", VECTOR).call
     rhs(float(t), *(np.array(values, dtype=float) for values in (u, v, problem.params)), a)
-    return a
+    return a[: np.size(problem.u0)]
 
 
 def refusals(values, types=()):

@@ -8,11 +8,13 @@ from ..scene.point_joint import PointJoint
 from ..scene.weld import Weld
 from .angle import Angle
 from .bending import Bending
+from .bouc_wen import BoucWen
 from .breaking_string import BreakingString
 from .cable import Cable
 from .coulomb import Coulomb
 from .coulomb_friction import CoulombFriction
 from .dihedral import Dihedral
+from .elastic_plastic import ElasticPlastic
 from .gravity import Gravity
 from .hardening_spring import HardeningSpring
 from .harmonic_angle import HarmonicAngle
@@ -24,6 +26,7 @@ from .lennard_jones import LennardJones
 from .linear_damper import LinearDamper
 from .linear_spring import LinearSpring
 from .mass_impact import MassImpact
+from .maxwell import Maxwell
 from .morse import Morse
 from .motor import Motor
 from .neo_hookean import NeoHookean
@@ -50,6 +53,7 @@ __all__ = [
     "Angle",
     "Bending",
     "Body",
+    "BoucWen",
     "BreakingString",
     "Cable",
     "Cell",
@@ -57,6 +61,7 @@ __all__ = [
     "Coulomb",
     "CoulombFriction",
     "Dihedral",
+    "ElasticPlastic",
     "FrictionalContact",
     "Gravity",
     "HardeningSpring",
@@ -70,6 +75,7 @@ __all__ = [
     "LinearSpring",
     "Link",
     "MassImpact",
+    "Maxwell",
     "Morse",
     "Motion",
     "Motor",

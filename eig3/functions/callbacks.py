@@ -294,7 +294,7 @@ def _reads(function: Any, place: int) -> bool:
 def attributes_of(function: Any, place: int) -> list[str]:
     """Return the attributes that the bytecode of a function reads of its argument at a place."""
     function = getattr(function, "py_func", function)
-    if hasattr(function, "reads_z"):
+    if hasattr(function, "reads_z") and hasattr(function, "inner"):
         function, place = function.inner.py_func, place + function.reads_z
     code = function.__code__
     found: list[str] = []

@@ -21,6 +21,7 @@ from ..kernels.protocol import SCALAR, VECTOR, Form
 from .callbacks import jit, takes
 from .checks import check_names, reals, shown
 from .events import Event
+from .quantities import EnergyLessWork
 
 UNNAMED = "z"  # the name of unknowns that the user gave no names
 _RHS = "(t, u, v, z, p, a, dz), writing a and dz"
@@ -117,6 +118,8 @@ class FirstOrder(NamedTuple):
         """
         if not self.is_read:
             return function
+        if isinstance(function, EnergyLessWork):
+            return function._replace(energy=self.bind(function.energy))
         if isinstance(function, tuple):
             return (self.bind(function[0], 1), *function[1:])
         if isinstance(function, Event):

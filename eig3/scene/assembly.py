@@ -18,7 +18,7 @@ import numpy as np
 from .bonds import bonds_of
 from .cell import Cell
 from .constraint import Constraint
-from .effect import FORCES, Body, Effect, Link, Motion
+from .effect import FORCES, RATE, Body, Effect, Link, Motion
 from .names import words
 from .pair_force import PairForce, check_rest
 from .placed import Placed, joined
@@ -214,8 +214,9 @@ class Assembly:
     """The content of a scene's code: its masses, groups of effects, and motions of supports.
 
     `events` are the names of the events, in the order in which their effects were added, and `states` the names of the
-    events with a state. The points of `meshes` are indices of masses; indices from the number of masses on are
-    `supports`. `bonds` are pairs of points, if any effect excludes bonded pairs.
+    events with a state; `rates` are the numbers of states that have a rate, by name. The points of `meshes` are indices
+    of masses; indices from the number of masses on are `supports`. `bonds` are pairs of points, if any effect excludes
+    bonded pairs.
     """
 
     cloud: Cloud
@@ -228,6 +229,7 @@ class Assembly:
     motions: list[Placed]
     events: list[str]
     states: list[str]
+    rates: dict[str, int]
     constraints: ConstraintSystem | None
     follows_work: bool
 
@@ -257,8 +259,13 @@ class Assembly:
 
     @property
     def degrees(self) -> int:
-        """The number of coordinates and states."""
+        """The number of coordinates and states of events. The states with a rate follow them, as velocities."""
         return self.coordinates + len(self.states)
+
+    @property
+    def n_rates(self) -> int:
+        """The number of states that have a rate. The work follows them."""
+        return sum(self.rates.values())
 
     @property
     def size(self) -> int:
@@ -310,20 +317,25 @@ def assemble(
     """
     if not (cloud.masses > 0).any():
         raise ValueError("the scene has no mass that can move: add one with scene.mass(m, position).")
-    placed, events, states = numbered(cloud, placed)
+    placed, events, states, rates = numbered(cloud, placed)
     cloud, whole = _without_idle_points(cloud, placed, pair_forces), cloud
+    if rates and cloud.bodies.carried:
+        raise ValueError(
+            f"{next(iter(rates))} has a state with a rate, which a scene with points of rigid bodies does not support: "
+            "take masses instead of bodies."
+        )
     motions, moves = _motions(cloud, placed)
     bodies = _fused(_body_groups(cloud, placed))
     links = _fused(_link_groups(cloud, placed, moves))
     meshes, supports = _meshes(cloud, placed, moves)
     check_rest(pair_forces, placed)
     bonds = bonds_of(placed, whole.bodies.carried) if any(x.exclude_bonded for x in pair_forces) else bonds_of((), {})
-    given = bodies, links, meshes, supports, list(pair_forces), bonds, motions, events, states
+    given = bodies, links, meshes, supports, list(pair_forces), bonds, motions, events, states, rates
     assembly = Assembly(cloud, *given, constraints=None, follows_work=False)
     if any(isinstance(law.effect, Constraint) for law in placed):
         from .constraint_system import collected  # it needs SciPy
 
-        assembly = replace(assembly, constraints=collected(whole, placed, assembly.degrees + 1))
+        assembly = replace(assembly, constraints=collected(whole, placed, assembly.degrees + assembly.n_rates + 1))
     return replace(assembly, follows_work=work and not assembly.is_conservative)
 
 
@@ -338,13 +350,21 @@ def _without_idle_points(cloud: Cloud, placed: Sequence[Placed], pair_forces: Se
     return replace(cloud, masses=masses, bodies=bodies)
 
 
-def numbered(cloud: Cloud, placed: Sequence[Placed]) -> tuple[list[Placed], list[str], list[str]]:
-    """Give numbers to the events and states of all members, as columns; return their names too."""
+def numbered(cloud: Cloud, placed: Sequence[Placed]) -> tuple[list[Placed], list[str], list[str], dict[str, int]]:
+    """Give numbers to the events and states of all members, as columns.
+
+    Return the names of the events and of their states too, and the numbers of states that have a rate, by name.
+    """
     count, dimension = cloud.material.size, cloud.positions.shape[1]
     found: list[Placed] = []
     events: list[str] = []
     states: list[str] = []
     counts: Counter[str] = Counter()
+    rates: Counter[str] = Counter()
+    for law in placed:
+        if RATE in law.effect.functions():
+            rates[words(law.effect.title)] += law.points[0].size if law.points else count
+    firsts = dict(zip(rates, np.cumsum([0, *rates.values()]).tolist(), strict=False))
     for law in placed:
         effect, functions = law.effect, law.effect.functions()
         columns = dict(law.columns if law.points else effect.columns((count,), dimension))
@@ -358,8 +378,12 @@ def numbered(cloud: Cloud, placed: Sequence[Placed]) -> tuple[list[Placed], list
             if "state_after" in functions:
                 columns[STATE] = len(states) + np.arange(size)
                 states += names
+        if RATE in functions:
+            title, size = words(effect.title), law.points[0].size if law.points else count
+            columns[STATE] = firsts[title] + np.arange(size)
+            firsts[title] += size
         found.append(replace(law, columns=columns))
-    return found, events, states
+    return found, events, states, dict(rates)
 
 
 def count_states(cloud: Cloud, placed: Sequence[Placed]) -> int:
@@ -555,6 +579,12 @@ def sources(assembly: Assembly) -> str:
     effects = [law.effect for law in assembly.laws + assembly.motions]
     effects += assembly.constraints.effects if assembly.constraints else []
     return "; ".join(dict.fromkeys(f"{effect.title}: {effect.source}" for effect in effects if effect.source))
+
+
+def first_order(assembly: Assembly) -> dict[str, Any]:
+    """Return the first-order unknowns at the start: the states that have a rate, and the work."""
+    states = {name: 0.0 if count == 1 else np.zeros(count) for name, count in assembly.rates.items()}
+    return states | ({"work": 0.0} if assembly.follows_work else {})
 
 
 def names(assembly: Assembly) -> tuple[str, ...]:

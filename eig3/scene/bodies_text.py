@@ -24,7 +24,7 @@ class BodiesText(Text):
     def __init__(self, assembly: Assembly, source: Source) -> None:
         super().__init__(assembly, source)
         self._d, self._own, self._count = assembly.dimension, assembly.own, assembly.n
-        self._work, self._is_unrolled = assembly.size, is_few(assembly)
+        self._work, self._is_unrolled = assembly.size + assembly.n_rates, is_few(assembly)
         self.suffix = "_of_all" if self._count > self._own else ""
         if self.suffix:
             self._pack_carried(assembly)

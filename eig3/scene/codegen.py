@@ -91,6 +91,9 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         functions["rhs"].py_func.constraints = Constraints(*keeping, place, writing.unrolled(functions))
     if writing.grains:
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"])
+    if assembly.rates:
+        for name in functions.keys() & {"rhs", "energy", "reactions"}:
+            functions[name].py_func.reads_z = True  # it takes first-order unknowns in the form of kernels
     return {
         "rhs": functions["rhs"],
         "energy": functions.get("energy"),
@@ -128,7 +131,10 @@ class _Functions(Text):
     def __init__(self, assembly: Assembly, source: Source, threads: int | None) -> None:
         super().__init__(assembly, source)
         self._coordinates = assembly.coordinates
-        self._work = assembly.degrees  # the index of the degree of freedom whose velocity is the work
+        self._n_states, self._work = (
+            assembly.degrees,
+            assembly.degrees + assembly.n_rates,
+        )  # the index of the degree of freedom whose velocity is the work
         bodies = [MassesText(assembly, source, group) for group in assembly.bodies]
         links = [LinksText(assembly, source, group) for group in assembly.links]
         self._groups: list[GroupText] = [*bodies, *links]
@@ -208,8 +214,10 @@ class _Functions(Text):
                     self._line("a[k] = 0.0")
             for near in self._near:
                 near.forces()
-            for k in range(self._coordinates, self._work):  # the states
+            for k in range(self._coordinates, self._n_states):
                 self._line(f"a[{k}] = 0.0")
+            for group in self._groups:
+                group.rates()
             if self._follows_work:
                 with self._block(f"if a.size > {self._work}"):  # a run that integrates the work
                     self._line(f"a[{self._work}] = power(t, u, v, p)")

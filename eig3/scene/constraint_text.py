@@ -27,7 +27,8 @@ class ConstraintText(Text):
 
     def __init__(self, assembly: Assembly, source: Source, system: ConstraintSystem) -> None:
         super().__init__(assembly, source)
-        self._system, self._d, self._work, self._own = system, assembly.dimension, assembly.size, assembly.own
+        self._system, self._d, self._own = system, assembly.dimension, assembly.own
+        self._work = assembly.size + assembly.n_rates
         self.place = source.size  # of their table in p
         packed = system.table.packed(self.place)
         source.add(packed.values)

@@ -21,6 +21,8 @@ from .fields import annotations_of, check_fields
 
 #: The functions of a `Body`, a `Link` or a `Cell` that cause accelerations.
 FORCES = ("force", "acceleration", "tension", "force_density", "forces", "torque", "stress")
+#: The function of the rate of a state that is a first-order unknown.
+RATE = "state_rate"
 #: The functions that change the state where the event of an effect occurs.
 RESETS = ("velocity_after", "rate_after", "state_after")
 
@@ -50,6 +52,9 @@ class Effect:
     and ``state_after`` the new state, from the values before the event. A state is a number that every function of the
     effect can take as its argument `state`: it is 0 at the start and constant between events. Each point or pair has a
     separate event and state.
+
+    With ``state_rate``, which returns the time derivative of the state, the state is a first-order unknown: it is 0 at
+    the start, and `solution.z` has it under the name of the effect.
 
     Attributes
     ----------
@@ -128,7 +133,7 @@ class Effect:
     def reads_velocity(self) -> bool:
         """Return whether the accelerations that the effect causes depend on the velocities."""
         functions = self.functions()
-        acting = [functions[name] for name in (*FORCES, "motion") if name in functions]
+        acting = [functions[name] for name in (*FORCES, "motion", RATE) if name in functions]
         return any({"v", "rate"} & set(arguments(function)) for function in acting)
 
     def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
@@ -245,8 +250,13 @@ class Effect:
         if resets and "event" not in functions:
             raise TypeError(f"{self.title} must have a function event: {resets[0]} is called at its zeros.")
         reading = [name for name, function in functions.items() if "state" in arguments(function)]
-        if reading and "state_after" not in functions:
-            raise TypeError(f"{self.title} must have a function state_after, because {reading[0]} reads the state.")
+        changing = [name for name in ("state_after", RATE) if name in functions]
+        if reading and not changing:
+            raise TypeError(
+                f"{self.title} must have a function state_after or state_rate, because {reading[0]} reads the state."
+            )
+        if len(changing) > 1:
+            raise TypeError(f"{self.title} must have one of the functions state_after and state_rate, not both.")
 
     def _check_names(self, what: str) -> None:
         """Check that a class variable is a tuple of names of fields that have a value."""
@@ -353,12 +363,12 @@ class Body(Effect):
                 f = samples[min(int(t / interval), samples.size - 1)]
                 return f * direction[0], f * direction[1]
 
-    The functions ``event``, ``velocity_after`` and ``state_after`` can take the same arguments as a force: see
-    `Effect`.
+    The functions ``event``, ``velocity_after``, ``state_after`` and ``state_rate`` can take the same arguments as a
+    force: see `Effect`.
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
-        **dict.fromkeys(("force", "acceleration", "event", "velocity_after", "state_after"), _OF_BODY),
+        **dict.fromkeys(("force", "acceleration", "event", "velocity_after", "state_after", RATE), _OF_BODY),
         "potential": ("x", "m", "state"),
     }
     needs: ClassVar[tuple[str, ...]] = ("force", "acceleration", "event")
@@ -381,8 +391,9 @@ class Link(Effect):
     while the points are in the same order as at the start, and negative after they have passed each other. For pair
     forces, and in a periodic box, r is the distance.
 
-    The functions ``event``, ``rate_after`` and ``state_after`` can take the same arguments as a tension: see `Effect`.
-    The scene applies opposite impulses to the two ends, which conserve the momentum and produce the new rate.
+    The functions ``event``, ``rate_after``, ``state_after`` and ``state_rate`` can take the same arguments as a
+    tension: see `Effect`. The scene applies opposite impulses to the two ends, which conserve the momentum and produce
+    the new rate.
 
     If a link has a field ``rest_length`` that is not 0, its points must not coincide at the start.
 
@@ -397,7 +408,7 @@ class Link(Effect):
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
-        **dict.fromkeys(("tension", "force_density", "event", "rate_after", "state_after"), _OF_LINK),
+        **dict.fromkeys(("tension", "force_density", "event", "rate_after", "state_after", RATE), _OF_LINK),
         "potential": ("r", "state"),
     }
     needs: ClassVar[tuple[str, ...]] = ("tension", "force_density", "event")

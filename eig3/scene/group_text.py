@@ -13,6 +13,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from .assembly import Assembly, Group
+from .effect import RATE
 from .source import Source, Symbols
 from .text import BlockText, of_part
 
@@ -61,6 +62,18 @@ class GroupText(BlockText):
 
     def offered(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         """Compute the arguments that these functions of one member can take; return their source by name."""
+        raise NotImplementedError
+
+    def rates(self) -> None:
+        """Write the rates of the states that are first-order unknowns."""
+        for law in self.having(RATE):
+            one = self.of_laws([law])
+            with one.members(RATE) as (s, i, j):
+                offered = one.offered_here(s, i, j, RATE)
+                self._line(f"{law.columns[RATE].of(s)} = {law.call(RATE, s, offered)}")
+
+    def offered_here(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
+        """Compute what `offered` does, in a loop over members."""
         raise NotImplementedError
 
     def strike(self, s: str, i: str, j: str, offered: dict[str, str]) -> None:
@@ -159,6 +172,9 @@ class MassesText(GroupText):
 
     def offered(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         self.constants(*functions)
+        return self._mass(i, *functions)
+
+    def offered_here(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         return self._mass(i, *functions)
 
     def strike(self, s: str, i: str, j: str, offered: dict[str, str]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..kernels import neighbours
 from ..kernels.neighbours import Areas
-from .effect import Link, Motion
+from .effect import RATE, Link, Motion
 from .frictional_contact import FrictionalContact
 from .placed import Placed
 
@@ -125,8 +125,9 @@ def check_pair_force(pair_force: PairForce, cloud: Any) -> None:
     title = effect.title
     if not effect.cutoff_field:
         raise TypeError(f"{title} has no cutoff, and thus needs two arguments of points: the ends of each link.")
-    if "event" in effect.functions():
-        raise TypeError(f"{title} has an event, and thus needs two arguments of points: the ends of each link.")
+    for name, what in (("event", "an event"), (RATE, "a state")):
+        if name in effect.functions():
+            raise TypeError(f"{title} has {what}, and thus needs two arguments of points: the ends of each link.")
     if np.unique(numbers).size < numbers.size:
         raise ValueError(f"{title} was given a point twice: a point of others must not be in the first array.")
     if not is_mass.any():

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .effect import FORCES, RESETS, Effect, arguments
+from .effect import FORCES, RATE, RESETS, Effect, arguments
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Placed:
     def is_conservative(self) -> bool:
         """Whether the work of the effects is the change of their potential."""
         functions = self.effect.functions()
-        return not functions.keys() & RESETS and ("potential" in functions or not functions.keys() & FORCES)
+        return not functions.keys() & {*RESETS, RATE} and ("potential" in functions or not functions.keys() & FORCES)
 
     def value(self, name: str, member: int) -> Any:
         """Return a parameter of a member as functions take it: an array, a tuple for a vector, or a number."""

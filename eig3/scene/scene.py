@@ -12,7 +12,7 @@ from ..functions.checks import check_count, check_span, reals
 from ..keywords import with_suggestions
 from ..problem import Problem
 from . import codegen
-from .assembly import assemble, names, note, numbered, sources, units
+from .assembly import assemble, first_order, names, note, numbered, sources, units
 from .bodies import Rigid, RigidBody, plates, principal_moments, rotation_matrix
 from .cell import Cell
 from .description import Axes, Description, Points, spread
@@ -239,7 +239,7 @@ class Scene(Description):
             note=note(assembly),
             names=names(assembly),
             units=units(assembly),
-            z0={"work": 0.0} if assembly.follows_work else {},
+            z0=first_order(assembly),
             encounters=Encounters.of(assembly),
             masses=assembly.inertias,
             view=mechanism(cloud, numbered(cloud, self._placed)[0], self._pair_forces),

@@ -12,7 +12,7 @@ import numpy as np
 from ..kernels.compile.source import Writer
 from .assembly import EVENT, STATE, Assembly
 from .box_text import BoxText
-from .effect import Effect, arguments
+from .effect import RATE, Effect, arguments
 from .names import identifier, words
 from .placed import Placed
 
@@ -142,7 +142,7 @@ class Source(Writer):
         self.size = 0
         self._wanted: list[str] = []  # names, by the numbers that replace them until the source is written
         self.functions: dict[str, Any] = {}
-        self._first_state, cloud = assembly.coordinates, assembly.cloud
+        self._first_state, self._first_rate, cloud = assembly.coordinates, assembly.degrees, assembly.cloud
         self.weight = self.column(1 / cloud.in_order(cloud.masses))
         self.turn = self.column(_inverse(cloud.in_order(cloud.inertia))) if assembly.angles else None
         self.motions = [self.symbols(law) for law in assembly.motions]
@@ -181,8 +181,11 @@ class Source(Writer):
             if name != EVENT
         }
         if STATE in columns:
-            number = columns[STATE]
-            columns[STATE] = Other(lambda member: entry("u", self._first_state, f"index({number.of(member)})"), False)
+            number, has_rate = columns[STATE], RATE in functions
+            array, first = ("v", self._first_rate) if has_rate else ("u", self._first_state)
+            columns[STATE] = Other(lambda member: entry(array, first, f"index({number.of(member)})"), False)
+            if has_rate:
+                columns[RATE] = Other(lambda member: entry("a", first, f"index({number.of(member)})"), False)
         members = len(law.columns["direction"]) if "direction" in law.columns else 1
         stem = words(effect.title).replace(" ", "_")
         names = {name: self._name(f"{stem}_{name}") for name in (*functions, *columns)}

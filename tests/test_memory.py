@@ -1,0 +1,309 @@
+"""Links with memory in scenes: yielding by events, and states that are first-order unknowns."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+import eig3
+from eig3.effects import BoucWen, ElasticPlastic, HarmonicForce, LinearDamper, LinearSpring, Link, Maxwell, Rod
+from eig3.scene import Scene
+
+
+def oscillator(*links, mass=1.0, velocity=0.0, force=0.0, omega=0.0, span=(0, 10), work=False, position=0.0):
+    """A mass on a line, joined to the ground by links without a rest length."""
+    scene = Scene(dimension=1)
+    ground, point = scene.fixed([0.0]), scene.mass(mass, [position], velocity=[velocity])
+    for link in links:
+        scene.add(link, ground, point)
+    if force:
+        scene.add(HarmonicForce([force], omega), point)
+    return scene.problem(span, work=work)
+
+
+def test_a_standard_linear_solid_moves_as_its_matrix_says():
+    problem = oscillator(LinearSpring(4.0), Maxwell(1.5, 1.05), velocity=0.5)
+    run = problem.integrate(rtol=1e-10, method="rk8")
+    matrix = np.array([[0, 1, 0], [-4, 0, -1.5], [0, 1, -1.5 / 1.05]])
+    found = [run.u[-1, 0], run.v[-1, 0], run.z["maxwell"][-1]]
+    np.testing.assert_allclose(found, expm(10 * matrix) @ [0, 0.5, 0], rtol=0, atol=1e-9)
+
+
+def test_the_states_of_links_have_numbers_by_their_effect():
+    """The states of one effect are together, in the order in which the links were added."""
+    scene = Scene(dimension=1)
+    ground, masses = scene.fixed(0.0), scene.mass([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])
+    scene.add(Maxwell(2.0, 1.0), masses[:2], masses[1:])
+    scene.add(BoucWen(4.0, 0.1, rest_length=1.0), ground, masses[0])
+    scene.add(Maxwell(5.0, 3.0), ground, masses[0])
+    problem = scene.problem((0, 2)).with_(v0=[0.3, -0.2, 0.1])
+    assert problem.z0.keys() == {"maxwell", "bouc wen"}
+    run = problem.integrate(h=1e-3, method="rk4")
+    x, v, z = run.u, run.v, run.z["maxwell"]
+    assert z.shape == (2001, 3)
+    assert run.z["bouc wen"].shape == (2001,)
+    stretch = np.column_stack([x[:, 1] - x[:, 0], x[:, 2] - x[:, 1], x[:, 0]])
+    rate = np.gradient(stretch, run.t, axis=0)
+    expected = rate - z * [2.0, 2.0, 5.0 / 3.0]
+    np.testing.assert_allclose(np.gradient(z, run.t, axis=0)[1:-1], expected[1:-1], rtol=0, atol=1e-5)
+    pulls = z * [2.0, 2.0, 5.0] @ np.array([[1, -1, 0], [0, 1, -1], [-1, 0, 0]])
+    pulls[:, 0] -= 4.0 * run.z["bouc wen"]
+    np.testing.assert_allclose(run.a, pulls / [1.0, 2.0, 3.0], rtol=0, atol=1e-12)
+    assert v.shape == x.shape
+
+
+def test_an_elastic_plastic_step_response():
+    """A constant force of 0.8 of the yield force: elastic until it yields, a parabola, then elastic again."""
+    k, yield_force, force = 100.0, 2.0, 1.6
+    problem = oscillator(ElasticPlastic(k, yield_force), force=force, span=(0, 3))
+    omega, rest = 10.0, force / k
+    at_yield = yield_force / k
+    t1 = np.arccos(1 - at_yield / rest) / omega
+    v1 = rest * omega * np.sin(omega * t1)
+    slowing = yield_force - force
+    t2, peak = t1 + v1 / slowing, at_yield + v1**2 / (2 * slowing)
+
+    def exact(t):
+        plastic = at_yield + v1 * (t - t1) - slowing * (t - t1) ** 2 / 2
+        middle = peak - slowing / k
+        elastic, after = rest * (1 - np.cos(omega * t)), middle + slowing / k * np.cos(omega * (t - t2))
+        return np.select([t < t1, t < t2], [elastic, plastic], after)
+
+    run = problem.integrate(rtol=1e-9)
+    # The force has a kink where the link begins to yield, which the tolerance bounds in one step.
+    np.testing.assert_allclose(run.u[:, 0], exact(run.t), rtol=0, atol=1e-8)
+    turns = run.events["elastic plastic 0"]
+    assert turns.t[0] == pytest.approx(t2, abs=1e-7)
+    errors = [np.abs((x := problem.integrate(h=h)).u[:, 0] - exact(x.t)).max() for h in (4e-3, 2.5e-4)]
+    assert errors[0] / errors[1] > 16 ** (2 - 0.3)  # four halvings, of the second order
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_eig3_keeps_its_order_on_yielding_chains(n):
+    """Yielding begins and ends within steps, so single ratios scatter: the mean over five halvings counts."""
+    scene = Scene(dimension=1)
+    before = ground = scene.fixed([0.0])
+    for k in range(n):
+        point = scene.mass(1.0, [1.0 + k])
+        scene.add(ElasticPlastic(40.0, 2.0, 0.05, 1.0), before, point)
+        before = point
+    scene.add(LinearDamper(0.3), ground, before)
+    scene.add(HarmonicForce([6.0], 5.6), before)
+    problem = scene.problem((0, 8))
+    true = problem.integrate(rtol=1e-12, method="rk8")
+    assert sum(map(len, true.events.values())) > 10
+    errors = [np.abs(problem.integrate(h=h).u[-1] - true.u[-1]).max() for h in (2e-2, 2e-2 / 32)]
+    assert errors[0] < 0.02 * np.abs(true.u - problem.u0).max()
+    assert errors[0] / errors[1] > 32 ** (2 - 0.4)
+    close = problem.integrate(rtol=1e-8)
+    np.testing.assert_allclose(close.u[-1], true.u[-1], rtol=0, atol=1e-6)
+
+
+def test_iwan_loops_follow_masings_rule():
+    """A heavy mass moves as a sine, so the branch that unloads is the first branch, twice as large."""
+    links = [ElasticPlastic(k, force, 0.1) for k, force in ((30.0, 0.5), (20.0, 1.0), (10.0, 2.0))]
+    problem = oscillator(*links, LinearSpring(1e9), mass=1e9, velocity=0.5, span=(0, 3 * np.pi / 2))
+    run = problem.integrate(rtol=1e-10, t_eval=np.linspace(0, 3 * np.pi / 2, 200))
+    x, states = run.u[:, 0], run.u[:, 1:]
+
+    def tension(x, states):
+        total = 0.0
+        for link, s in zip(links, np.moveaxis(states, -1, 0), strict=True):
+            middle, half = link.hardening * link.stiffness * x, (1 - link.hardening) * link.yield_force
+            total = total + np.clip(link.stiffness * (x - s), middle - half, middle + half)
+        return total
+
+    def first(x):
+        return tension(x, np.zeros((*np.shape(x), 3)))
+
+    down = run.t > np.pi / 2
+    expected = first(0.5) - 2 * first((0.5 - x[down]) / 2)
+    np.testing.assert_allclose(tension(x[down], states[down]), expected, rtol=0, atol=1e-6)
+    assert [len(run.events[f"elastic plastic {k}"]) for k in range(3)] == [2, 2, 2]
+
+
+def test_bouc_wen_loads_and_unloads_as_its_formula_says():
+    """With the sharpness 1, z = y (1 - exp(-x / y)) at first; then it unloads with the slope 1 until z is 0."""
+    y = 0.02
+    problem = oscillator(BoucWen(3.0, y, 0.1), LinearSpring(1e9), mass=1e9, velocity=0.1, span=(0, np.pi))
+    run = problem.integrate(rtol=1e-10, t_eval=np.linspace(0, np.pi, 300))
+    x, z = run.u[:, 0], run.z["bouc wen"]
+    up = run.t < np.pi / 2
+    np.testing.assert_allclose(z[up], y * (1 - np.exp(-x[up] / y)), rtol=0, atol=1e-9)
+    peak = y * (1 - np.exp(-0.1 / y))
+    down = (run.t > np.pi / 2) & (z > 0)
+    np.testing.assert_allclose(z[down], peak + x[down] - 0.1, rtol=0, atol=1e-8)
+
+
+LOADS = {"force": st.floats(0.5, 20), "omega": st.floats(0.5, 8)}
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    **LOADS, hardening=st.floats(0, 0.9), sharpness=st.floats(1, 4), pinching=st.floats(0.5, 1), y=st.floats(0.01, 0.5)
+)
+def test_bouc_wen_dissipates_and_is_bounded(force, omega, hardening, sharpness, pinching, y):
+    """|z| <= yield_length; the hysteretic part takes energy over each stretch from z = 0 to z = 0, or keeps it."""
+    problem = oscillator(BoucWen(40.0, y, hardening, sharpness, pinching), force=force, omega=omega)
+    run = problem.integrate(rtol=1e-8, method="rk8", events={"zero": eig3.Event(stretch_of_link)})
+    assert np.abs(run.z["bouc wen"]).max() < y * (1 + 1e-6)
+    taken = 40.0 * (1 - hardening) * np.concatenate([[0], np.cumsum(_between(run.z["bouc wen"], run.u[:, 0]))])
+    at_zeros = np.interp(run.events["zero"].t, run.t, taken)
+    # The trapezoidal rule over steps of a tolerance of 1e-8 has errors of some percent of one loop.
+    assert (np.diff(at_zeros) > -0.05 * 40.0 * y * y).all()
+
+
+@eig3.jit
+def stretch_of_link(t, u, v, z, p):
+    return z[0] - 1e-9
+
+
+def _between(force, x):
+    return (force[1:] + force[:-1]) / 2 * np.diff(x)
+
+
+@settings(max_examples=15, deadline=None)
+@given(**LOADS, hardening=st.floats(0, 0.9), yield_force=st.floats(0.5, 5))
+def test_an_elastic_plastic_link_dissipates(force, omega, hardening, yield_force):
+    """The work of the link, less its elastic energy, never grows: the plastic stretch moves with its stress."""
+    k = 40.0
+    problem = oscillator(ElasticPlastic(k, yield_force, hardening), LinearDamper(0.5), force=force, omega=omega)
+    run = problem.integrate(rtol=1e-8, h_max=0.02)
+    x, s = run.u[:, 0], run.u[:, 1]
+    middle, half = hardening * k * x, (1 - hardening) * yield_force
+    tension = np.clip(k * (x - s), middle - half, middle + half)
+    assert (np.abs(tension - middle) <= half * (1 + 1e-9)).all()
+    plastic = x - tension / k
+    stored = tension**2 / (2 * k) + hardening * k * plastic**2 / (2 * (1 - hardening))
+    taken = np.concatenate([[0], np.cumsum(_between(tension, x))]) - stored
+    assert np.diff(taken).min() > -1e-3 * k * np.abs(x).max() ** 2  # of the trapezoidal rule in a step with a kink
+
+
+def test_the_work_balances_the_energy():
+    links = ElasticPlastic(40.0, 2.0, 0.05), BoucWen(20.0, 0.03), Maxwell(10.0, 2.0), LinearSpring(1.0)
+    problem = oscillator(*links, force=5.0, omega=4.0, work=True)
+    run = problem.integrate(rtol=1e-9)
+    assert run.drift["energy"] < 1e-7 * np.abs(run.z["work"]).max()
+    fixed = [problem.integrate(h=h).drift["energy"] for h in (0.01, 0.00125)]
+    assert fixed[1] < fixed[0] / 20  # three halvings, of the second order with the scatter of the turns
+
+
+@pytest.mark.parametrize("options", [{"h": 0.005}, {"rtol": 1e-7}], ids=["h", "rtol"])
+def test_members_of_an_ensemble_are_single_runs(options):
+    problem = oscillator(BoucWen(20.0, 0.03), Maxwell(10.0, 2.0), force=5.0, omega=4.0)
+    v0 = np.linspace(0, 1, 20)[:, None]
+    members = problem.ensemble(v0=v0, t_eval=[0, 5, 10], **options)
+    for i in (0, 11):
+        alone = problem.with_(v0=v0[i]).integrate(t_eval=[0, 5, 10], **options)
+        # With tolerances, round-off changes the steps beside the kinks of the law.
+        tolerance = 1e-11 if "h" in options else 1e-6
+        np.testing.assert_allclose(members.z["maxwell"][i], alone.z["maxwell"], rtol=0, atol=tolerance)
+        np.testing.assert_allclose(members.u[i], alone.u, rtol=0, atol=tolerance)
+
+
+def test_the_critical_step_has_the_relaxation_time():
+    problem = oscillator(LinearSpring(4.0), Maxwell(30.0, 0.3), velocity=0.5)
+    limit = problem.critical_step(safety=1.0).limit
+    assert limit < 0.02  # of the order of 0.3 / 30; the springs alone allow 0.3
+    stable, grown = (problem.integrate(h=f * limit, t_end=3000 * limit, save_every=None) for f in (0.98, 1.02))
+    assert np.abs(stable.u[-1, 0]) < 1 < np.abs(grown.u[-1, 0])
+
+
+def test_links_with_memory_beside_a_constraint():
+    """Two masses on a rod move as one mass."""
+    scene = Scene(dimension=2)
+    ground = scene.fixed([0.0, 0.0])
+    masses = scene.mass(1.0, [[1.0, 0.0], [2.0, 0.0]], velocity=[0.5, 0])
+    scene.add(Rod(), *masses)
+    scene.add(LinearSpring(8.0, 1.0), ground, masses[0])
+    scene.add(Maxwell(3.0, 2.1), ground, masses[0])
+    run = scene.problem((0, 4)).integrate(h=1e-3, method="rk4")
+    alone = oscillator(LinearSpring(4.0), Maxwell(1.5, 1.05), velocity=0.5, span=(0, 4)).integrate(h=1e-3, method="rk4")
+    np.testing.assert_allclose(run.u[:, 0] - 1, alone.u[:, 0], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(run.z["maxwell"], alone.z["maxwell"], rtol=0, atol=1e-10)
+
+
+@dataclass(frozen=True, eq=False)
+class Burgers(Link):
+    """A link of one's own: the state relaxes towards the stretch."""
+
+    stiffness: float
+    time: float
+
+    @staticmethod
+    @eig3.jit
+    def tension(r, state, stiffness):
+        return stiffness * (r - state)
+
+    @staticmethod
+    @eig3.jit
+    def state_rate(r, state, time):
+        return (r - state) / time
+
+
+def test_a_law_of_ones_own_takes_one_class():
+    """It is Maxwell's law with another state."""
+    options = {"velocity": 0.5, "span": (0, 3)}
+    own = oscillator(LinearSpring(4.0), Burgers(1.5, 0.7), **options).integrate(rtol=1e-10)
+    known = oscillator(LinearSpring(4.0), Maxwell(1.5, 1.05), **options).integrate(rtol=1e-10)
+    np.testing.assert_allclose(own.u[-1], known.u[-1], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(own.u[-1] - own.z["burgers"][-1], known.z["maxwell"][-1], rtol=0, atol=1e-8)
+
+
+def add_a_body():
+    scene = Scene(dimension=3)
+    body = scene.body(1.0, np.eye(3), [0, 0, 0])
+    scene.add(Maxwell(1.0, 1.0), scene.fixed([0.0, 0, -1]), body.point([0.0, 0, 0.5]))
+    scene.problem((0, 1))
+
+
+def add_a_pair_force():
+    @dataclass(frozen=True, eq=False)
+    class Near(Burgers):
+        cutoff: float = 1.0
+        cutoff_field = "cutoff"
+
+    scene = Scene(dimension=1)
+    scene.add(Near(1.0, 1.0), scene.mass(1.0, [0.0, 1.0]))
+    scene.problem((0, 1))
+
+
+def add_two_states():
+    @dataclass(frozen=True, eq=False)
+    class Both(Burgers):
+        @staticmethod
+        @eig3.jit
+        def event(r):
+            return r
+
+        @staticmethod
+        @eig3.jit
+        def state_after():
+            return 1.0
+
+    oscillator(Both(1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: BoucWen(1.0, 0.0), "yield_length of BoucWen must be positive"),
+        (lambda: BoucWen(1.0, 1.0, 1.5), "hardening of BoucWen must be 0 to 1"),
+        (lambda: BoucWen(1.0, 1.0, 0.5, 0.5), "sharpness of BoucWen must be at least 1"),
+        (lambda: BoucWen(1.0, 1.0, 0.5, 1.0, 0.2), "pinching of BoucWen must be 0.5 to 1"),
+        (lambda: Maxwell(1.0, 0.0), "damping of Maxwell must be positive"),
+        (lambda: ElasticPlastic(0.0, 1.0), "stiffness of ElasticPlastic must be positive"),
+        (lambda: ElasticPlastic(1.0, 0.0), "yield_force of ElasticPlastic must be positive"),
+        (lambda: ElasticPlastic(1.0, 1.0, 1.0), "hardening of ElasticPlastic must be 0 to 1"),
+        (add_a_body, "maxwell has a state with a rate, which a scene with points of rigid bodies does not support"),
+        (add_a_pair_force, "Near has a state, and thus needs two arguments of points"),
+        (add_two_states, "Both must have one of the functions state_after and state_rate"),
+    ],
+)
+def test_what_is_wrong_is_refused_in_a_sentence(make, said):
+    with pytest.raises((TypeError, ValueError), match=re.escape(said)):
+        make()
