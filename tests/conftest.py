@@ -166,7 +166,7 @@ def shaken(t):
 
 
 def acceleration(problem, u, v, t=0.0, rhs=None):
-    """The accelerations that rhs writes, by default the problem's; an entry that it does not write is NaN.
+    """What rhs writes to a, by default the rhs of the problem; an entry that it does not write is NaN.
 
     The problem's rhs is called as a kernel calls it, so that it compiles once: Python would call it with other types.
     """
@@ -175,7 +175,7 @@ def acceleration(problem, u, v, t=0.0, rhs=None):
     a = np.full(np.size(u), np.nan)
     rhs = rhs or check_callback(problem.rhs, "rhs", VECTOR).call
     rhs(float(t), *(np.array(values, dtype=float) for values in (u, v, problem.params)), a)
-    return a[: np.size(problem.u0)]
+    return a
 
 
 def refusals(values, types=()):

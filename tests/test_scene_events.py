@@ -284,7 +284,7 @@ def test_the_code_to_compile_does_not_grow_with_the_pairs():
         with compilations() as compiled:
             gas(size)[1].integrate(h=0.01, t_end=0.01)
         counts.append(len(compiled))
-    assert 0 < counts[2] == counts[1]
+    assert counts[2] == counts[1] <= counts[0]  # all are 0 if the scenes of an earlier process are on the disk
 
 
 @pytest.mark.parametrize("run", [{"h": 1e-3, "method": "rk4"}, {"rtol": 1e-9, "h_max": 0.01}])
@@ -442,7 +442,7 @@ BAD_TYPES = {
     "Own must have a function event: velocity_after is called at its zeros": lambda: one(
         effect(Body, velocity_after=number, force=staticmethod(number))
     ),
-    "Own must have a function state_after, because force": lambda: one(effect(Body, force=reading)),
+    "Own must have a function state_after or state_rate, because force": lambda: one(effect(Body, force=reading)),
     "velocity_after of Own must return a tuple of 1 number here, not float64": lambda: one(
         effect(Body, event=zero, velocity_after=number)
     ),
