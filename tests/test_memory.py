@@ -205,6 +205,46 @@ def test_members_of_an_ensemble_are_single_runs(options):
         np.testing.assert_allclose(members.u[i], alone.u, rtol=0, atol=tolerance)
 
 
+#: Displacements at t = 1, 2, 3, 4, 5 that OpenSees 3.7.1 prints for a zeroLength element between a fixed node and a mass
+#: of 1 kg under 6 N cos(5.6 t), by Newmark 0.5 0.25 with the steps 1e-4 and 2e-5.
+OF_OPENSEES = {
+    'uniaxialMaterial("ElasticPP", 1, 40.0, 0.05)': (
+        [ElasticPlastic(40.0, 2.0)],
+        [-0.3785465910, -0.4012498415, -0.2898139199, -0.1639132858, -0.1026744773],
+        [-0.3784210111, -0.4010867079, -0.2896403835, -0.1637368578, -0.1024972813],
+    ),
+    'uniaxialMaterial("Steel01", 1, 2.0, 40.0, 0.05)': (
+        [ElasticPlastic(40.0, 2.0, 0.05)],
+        [-0.4204330527, -0.2548807848, 0.0692462457, 0.2283617675, 0.2419160113],
+        [-0.4203449243, -0.2548613812, 0.0692226161, 0.2283500695, 0.2419211849],
+    ),
+    'uniaxialMaterial("BoucWen", 1, 0.1, 40.0, 1.0, 10.0, 10.0, 1.0, 0.0, 0.0, 0.0)': (
+        [BoucWen(40.0, 0.05, 0.1)],
+        [-0.4412499208, -0.1123784566, 0.1133464500, 0.1533914757, 0.2571441411],
+        [-0.4411958347, -0.1124213096, 0.1133396520, 0.1533968957, 0.2571288314],
+    ),
+    'uniaxialMaterial("BoucWen", 1, 0.1, 40.0, 2.0, 120.0, 280.0, 1.0, 0.0, 0.0, 0.0)': (
+        [BoucWen(40.0, 0.05, 0.1, 2.0, 0.7)],
+        [-0.4404261965, -0.1126075213, 0.1091485378, 0.1454662496, 0.2524562500],
+        [-0.4403619158, -0.1126484976, 0.1091389949, 0.1454740595, 0.2524401558],
+    ),
+    'uniaxialMaterial("Parallel", 1, 2, 3) of ("Elastic", 2, 40) and ("Maxwell", 3, 30, 6, 1, 1)': (
+        [LinearSpring(40.0), Maxwell(30.0, 6.0)],
+        [0.0390925278, -0.0383560531, -0.1702432999, -0.2069659177, -0.1413967498],
+        [0.0391055383, -0.0383560009, -0.1702452423, -0.2069657669, -0.1413964608],
+    ),
+}
+
+
+@pytest.mark.parametrize("material", OF_OPENSEES)
+def test_the_laws_are_those_of_opensees(material):
+    """OpenSees starts without an acceleration, so its error is of the first order: extrapolated, some 1e-7 remain."""
+    links, coarse, fine = OF_OPENSEES[material]
+    run = oscillator(*links, force=6.0, omega=5.6, span=(0, 5)).integrate(rtol=1e-9, t_eval=[1, 2, 3, 4, 5])
+    limit = np.array(fine) + (np.array(fine) - coarse) / 4
+    np.testing.assert_allclose(run.u[:, 0], limit, rtol=0, atol=1e-6)
+
+
 def test_the_critical_step_has_the_relaxation_time():
     problem = oscillator(LinearSpring(4.0), Maxwell(30.0, 0.3), velocity=0.5)
     limit = problem.critical_step(safety=1.0).limit
