@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -348,7 +349,7 @@ def test_run_says_where_a_run_fails(capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run", "nothing"], "eig3 run: PROBLEM must be one of arenstorf, "),
+        (["run", "nothing"], "eig3 run: there is no problem nothing: take arenstorf, "),
         (["run", "kepler", "--h", "-1"], "eig3 run: h must be a positive, finite number"),
         (["run", "kepler", "--method", "euler"], "eig3 run: method must be one of"),
     ],
@@ -356,6 +357,58 @@ def test_run_says_where_a_run_fails(capsys):
 def test_run_refuses_what_it_cannot_run(arguments, message):
     with pytest.raises(SystemExit, match=message):
         main(arguments)
+
+
+OWN_PROBLEMS = """
+import eig3
+
+@eig3.jit
+def rhs(t, u, v, p):
+    return -p.k * u - p.c * v
+
+fixed = eig3.Problem("pendulum", rhs, 1.0, 0.0, {"k": 4.0, "c": 0.1}, (0.0, 2.0))
+
+def heavy(stiffness: float = 4.0):
+    return fixed.with_(params={"k": stiffness, "c": 0.0})
+
+number = 3
+
+def nothing():
+    return number
+"""
+
+
+@pytest.mark.parametrize("name", ["mine.py:fixed", "mine:fixed", "mine:heavy"])
+def test_own_problems_run_in_all_commands(name, tmp_path, monkeypatch, capsys):
+    (tmp_path / "mine.py").write_text(OWN_PROBLEMS)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    assert main(["run", name, "--h", "0.01", "--t-end", "1.5", "--out", "."]) == 0
+    assert np.load("pendulum.npz")["t"][-1] == 1.5
+    main(["plan", name, "--accuracy", "1e-3", "--method", "rk4"])
+    assert "Plan for pendulum" in capsys.readouterr().out
+    axis = "k=3:5:4" if name.endswith("fixed") else "stiffness=3:5:4"
+    assert main(["sweep", name, "--set", axis, "--measure", "max:u"]) == 0
+    assert "4 completed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("mine.py:fixd", "eig3 run mine.py:fixd: the module mine.py has no fixd, but fixed."),
+        ("mine:number", "eig3 run mine:number: it must be an eig3.Problem or a function that returns one, not int."),
+        ("mine:nothing", "eig3 run: nothing must return an eig3.Problem, not int."),
+        ("yours.py:fixed", "eig3 run yours.py:fixed: there is no file yours.py."),
+        ("yours:fixed", "eig3 run yours:fixed: there is no module yours here or among the installed ones."),
+        ("keplr", "eig3 run: there is no problem keplr: take kepler, or your own as MODULE:NAME or FILE.py:NAME."),
+    ],
+)
+def test_own_problems_that_are_not_there_get_the_nearest_names(name, message, tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text(OWN_PROBLEMS)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    with pytest.raises(SystemExit, match=re.escape(message)):
+        main(["run", name])
 
 
 def test_a_reader_that_has_read_enough_ends_the_command():

@@ -205,8 +205,8 @@ def test_members_of_an_ensemble_are_single_runs(options):
         np.testing.assert_allclose(members.u[i], alone.u, rtol=0, atol=tolerance)
 
 
-#: Displacements at t = 1, 2, 3, 4, 5 that OpenSees 3.7.1 prints for a zeroLength element between a fixed node and a mass
-#: of 1 kg under 6 N cos(5.6 t), by Newmark 0.5 0.25 with the steps 1e-4 and 2e-5.
+#: Displacements at t = 1, 2, 3, 4, 5 that OpenSees 3.7.1 prints for a zeroLength element between a fixed node and
+#: a mass of 1 kg under 6 N cos(5.6 t), by Newmark 0.5 0.25 with the steps 1e-4 and 2e-5.
 OF_OPENSEES = {
     'uniaxialMaterial("ElasticPP", 1, 40.0, 0.05)': (
         [ElasticPlastic(40.0, 2.0)],

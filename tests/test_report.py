@@ -6,6 +6,7 @@ import math
 import random
 import re
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -575,7 +576,7 @@ def test_a_wrong_name_of_a_users_problem_gets_a_sentence(name, message, tmp_path
         command("--out", "new", "--problem", name)
     assert "\n" not in str(caught.value)
     for module in ("mine", "needs", "wrong"):
-        report.own_problem.sys.modules.pop(module, None)
+        sys.modules.pop(module, None)
 
 
 def test_wrong_arguments_of_a_users_report_are_refused_before_it_begins(tmp_path):

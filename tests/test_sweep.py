@@ -286,7 +286,7 @@ def test_an_interrupted_sweep_keeps_the_batches_that_were_complete(tmp_path, mon
 @pytest.mark.parametrize(
     ("command", "measure", "message"),
     [
-        ("nothing --set a=1:2:3", "max:u", "PROBLEM must be one of arenstorf, "),
+        ("nothing --set a=1:2:3", "max:u", "there is no problem nothing: take arenstorf, "),
         ("duffing --set mass=1:2:3", "max:u", "duffing has the parameters delta, a, b, gamma, omega, u0, v0, "),
         ("duffing --set a=1:2:3 --fix mass=1", "max:u", "duffing has the parameters delta, a, b, "),
         ("spring_pendulum --set u0=1:2:3", "max:u0", "has the entries u0[0] to u0[1], but not u0."),

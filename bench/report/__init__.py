@@ -18,6 +18,7 @@ from typing import Any
 
 from eig3.command_line import Files, add_methods, add_out, count, folder
 from eig3.methods import LIBRARY, shown
+from eig3.named_problem import is_own
 from eig3.problem import Problem
 
 from .. import c
@@ -147,7 +148,7 @@ def _check_names(settings: Settings) -> None:
     """Refuse names that are not known, and load the user's own problems."""
     _check_files(settings.problems or ())
     for name in settings.problems or ():
-        if own_problem.is_own(name):
+        if is_own(name):
             own_problem.load(name)
         else:
             choose([name], [*PROBLEM_SET, *VARIABLE_SPEED, "your own as module:name"], "--problem")

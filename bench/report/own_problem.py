@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 import math
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from eig3.named_problem import find, in_words, refused
 from eig3.planning.planner import Plan, Prediction, plan
 from eig3.problem import Problem
 
@@ -26,6 +23,7 @@ from ..sweep import Point, Repeatable, WorkPrecisionSet, is_stable, sweep_tolera
 from ..timing import Storage, interleave, kernel_run
 from .true_motion import Grid, find_truth
 
+_COMMAND = "eig3 bench report: --problem"
 ACCURACIES = (1e-2, 1e-4, 1e-6, 1e-8)
 _TIMING = 15.0  # seconds for the interleaved runs of the library, as predicted,
 _RIVALS = 15.0  # and for the runs of all rivals
@@ -38,11 +36,6 @@ _NEARBY = 1.1  # the factor of u0 or v0 for the energy that is compared with the
 _TINY = 1e-4  # of that change; the relative errors of a smaller energy are mostly round-off
 
 
-def is_own(name: str) -> bool:
-    """Whether this value of --problem names a user's own problem, module:name."""
-    return ":" in name
-
-
 def load(name: str) -> tuple[Problem, str]:
     """The problem that `module:name` is, or returns, and the first paragraph of the function's docstring.
 
@@ -51,29 +44,17 @@ def load(name: str) -> tuple[Problem, str]:
     SystemExit
         If there is no such problem.
     """
-    module, _, attribute = name.partition(":")
-    with _current_folder():
+    found, words = find(name, _COMMAND), ""
+    if callable(found) and not isinstance(found, Problem):
+        words = about(found)
         try:
-            found = getattr(importlib.import_module(module), attribute)
-        except ModuleNotFoundError as error:
-            if error.name and module.startswith(error.name):
-                raise _refused(name, f"there is no module {module} here or among the installed ones") from None
-            raise _refused(name, f"the module {module} cannot be imported ({error})") from None
-        except AttributeError as error:
-            raise _refused(name, f"the module {module} has no {attribute or 'empty name'} ({error})") from None
+            found = found()
         except Exception as error:
-            raise _refused(name, f"the module {module} cannot be imported ({_in_words(error)})") from None
-        words = ""
-        if callable(found) and not isinstance(found, Problem):
-            words = about(found)
-            try:
-                found = found()
-            except Exception as error:
-                raise _refused(name, f"{attribute}() fails ({_in_words(error)})") from None
+            raise refused(name, _COMMAND, f"it fails ({in_words(error)})") from None
     try:
         check(found)
     except (TypeError, ValueError) as error:
-        raise _refused(name, str(error).rstrip(".")) from None
+        raise refused(name, _COMMAND, str(error).rstrip(".")) from None
     return found, words
 
 
@@ -92,25 +73,6 @@ def check(problem: Any) -> None:
             f"problem must have no terminal event, such as {event!r} of {problem.name}: let t_span end where it "
             "occurs, and leave it out, with problem.with_(t_span=..., events={})."
         )
-
-
-def _refused(name: str, why: str) -> SystemExit:
-    return SystemExit(f"eig3 bench report: --problem {name}: {why}.")
-
-
-def _in_words(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}"
-
-
-@contextmanager
-def _current_folder():
-    """Let modules of the current folder be imported."""
-    folder = str(Path.cwd())
-    sys.path.insert(0, folder)
-    try:
-        yield
-    finally:
-        sys.path.remove(folder)
 
 
 def how_measured(repeats: int) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from eig3.command_line import Files
 from eig3.drawing import before_growth, histories
 from eig3.methods import LIBRARY
+from eig3.named_problem import is_own
 from eig3.problem import Problem
 
 from .. import c, hard, paper, pictures, plan, stability, trust
@@ -112,7 +113,7 @@ def parts_of(settings: Settings) -> list[Part]:
 
 
 def _precision(name: str, settings: Settings) -> Part:
-    if own_problem.is_own(name):
+    if is_own(name):
         command = command_line("DIR", {**settings.changed, "problems": [name]})
         return Part(part_name("precision", name), command, lambda record: _own(name, settings, record))
     command = f"eig3 bench precision --problem {name} {settings.options}"

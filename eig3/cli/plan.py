@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from ..command_line import add_methods
-from .problem import add_problem, builder
+from ..named_problem import builder
+from .problem import add_problem
 
 SUMMARY = "predict which method reaches a given accuracy fastest"
 
@@ -26,8 +27,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     from .. import plan
 
-    problem = builder(options.problem, "plan")()
+    build = builder(options.problem, "eig3 plan")
     try:
+        problem = build()
         print(plan(problem, options.accuracy, metric=options.metric, methods=options.methods))
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise SystemExit(f"eig3 plan: {error}") from None

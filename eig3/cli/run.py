@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from ..command_line import add_out
-from .problem import add_method_and_end, add_problem, builder
+from ..named_problem import builder
+from .problem import add_method_and_end, add_problem
 
 SUMMARY = "integrate a problem; report its energy balance, write its history and a picture"
 
@@ -31,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
     """Return the exit status: 1 if the run failed, for example if it diverged."""
     from ..run_report import run
 
-    build = builder(options.problem, "run")
+    build = builder(options.problem, "eig3 run")
     if options.format and not options.animate:
         raise SystemExit("eig3 run: --format is the format of an animation: give --animate too.")
     try:

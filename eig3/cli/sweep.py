@@ -10,7 +10,8 @@ import argparse
 from importlib.util import find_spec
 
 from ..command_line import add_out, count
-from .problem import add_method_and_end, add_problem, builder
+from ..named_problem import builder
+from .problem import add_method_and_end, add_problem
 
 SUMMARY = "run a problem for many values of its parameters, and draw the results"
 
@@ -55,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
     from ..sweep.report import report, save
     from ..sweep.study import Study
 
-    build = builder(options.problem, "sweep")
+    build = builder(options.problem, "eig3 sweep")
     try:
         study = Study.plan(
             build,

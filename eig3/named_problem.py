@@ -1,0 +1,146 @@
+"""Problems by name: those of the library, and one's own as MODULE:NAME or FILE.py:NAME."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from difflib import get_close_matches
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import Any
+
+from .problem import Problem
+
+OWN = "your own as MODULE:NAME or FILE.py:NAME"
+
+
+def is_own(name: str) -> bool:
+    """Whether a name is of a user's own problem."""
+    return ":" in name
+
+
+def find(name: str, command: str) -> Any:
+    """Return the function of `eig3.problems`, or the user's own object, that has a name.
+
+    Parameters
+    ----------
+    name : str
+    command : str
+        The command, and perhaps the option, that an error names.
+
+    Raises
+    ------
+    SystemExit
+        If there is none. The message has similar names.
+    """
+    if is_own(name):
+        return _own(name, command)
+    from . import problems
+
+    if name not in problems.__all__:
+        near = get_close_matches(name, problems.__all__)
+        known = " or ".join(near) if near else ", ".join(problems.__all__)
+        raise SystemExit(f"{command}: there is no problem {name}: take {known}, or {OWN}.")
+    return getattr(problems, name)
+
+
+def builder(name: str, command: str) -> Callable[..., Problem]:
+    """Return the function that builds a problem, with its parameters and the argument `t_end`.
+
+    A `Problem` itself is copied with other values of its named parameters that are real numbers.
+    """
+    found = find(name, command)
+    if isinstance(found, Problem):
+        names = [x for x, kind in _kinds(found).items() if kind.text == "real"]
+
+        def make(**given: float) -> Problem:
+            return found.with_(params=found.params._replace(**given)) if given else found
+
+        of_numbers = [Parameter(x, Parameter.KEYWORD_ONLY, annotation=float) for x in names]
+        return _with_end(make, found.name, of_numbers)
+    if not callable(found):
+        kind = type(found).__name__
+        raise refused(name, command, f"it must be an eig3.Problem or a function that returns one, not {kind}")
+    own = signature(found).parameters
+    return found if "t_end" in own else _with_end(found, found.__name__, [*own.values()])
+
+
+def _kinds(problem: Problem) -> dict[str, Any]:
+    """Return the kind of each named parameter."""
+    layout = getattr(problem.params, "layout", None)
+    return dict(zip(layout.names, layout.kinds, strict=True)) if layout else {}
+
+
+def _with_end(make: Callable[..., Any], name: str, parameters: list[Parameter]) -> Callable[..., Problem]:
+    """Return a function that builds a problem and changes its end to `t_end`."""
+
+    def build(*, t_end: float | None = None, **given: Any) -> Problem:
+        problem = make(**given)
+        if not isinstance(problem, Problem):
+            raise TypeError(f"{name} must return an eig3.Problem, not {type(problem).__name__}.")
+        return problem if t_end is None else problem.with_(t_span=(problem.t_span[0], t_end))
+
+    build.__name__ = name
+    end = Parameter("t_end", Parameter.KEYWORD_ONLY, default=None)
+    build.__signature__ = Signature([*parameters, end])  # type: ignore[attr-defined]
+    build.__annotations__ = {x.name: x.annotation for x in parameters}
+    return build
+
+
+def refused(name: str, command: str, why: str) -> SystemExit:
+    """Return the error of a problem of one's own."""
+    return SystemExit(f"{command} {name}: {why}.")
+
+
+def in_words(error: BaseException) -> str:
+    """Return the kind and the message of an error."""
+    return f"{type(error).__name__}: {error}"
+
+
+def _own(name: str, command: str) -> Any:
+    module, _, attribute = name.rpartition(":")
+    with _current_folder():
+        try:
+            loaded = _of_file(Path(module)) if module.endswith(".py") else importlib.import_module(module)
+        except FileNotFoundError:
+            raise refused(name, command, f"there is no file {module}") from None
+        except Exception as error:
+            if isinstance(error, ModuleNotFoundError) and error.name and module.startswith(error.name):
+                why = f"there is no module {module} here or among the installed ones"
+            else:
+                why = f"the module {module} cannot be imported ({in_words(error)})"
+            raise refused(name, command, why) from None
+    if not hasattr(loaded, attribute):
+        near = get_close_matches(attribute, vars(loaded))
+        hint = f", but {' or '.join(near)}" if near else ""
+        raise refused(name, command, f"the module {module} has no {attribute or 'empty name'}{hint}")
+    return getattr(loaded, attribute)
+
+
+def _of_file(path: Path) -> Any:
+    """Import a file, under its own name, which pickles of its functions then have."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        sys.modules.pop(path.stem, None)
+        raise
+    return module
+
+
+@contextmanager
+def _current_folder() -> Iterator[None]:
+    """Let modules of the current folder be imported."""
+    folder = str(Path.cwd())
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
