@@ -241,8 +241,8 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
     table = np.column_stack([t, u, v, *of_z.values()])
     if table.size <= _CSV_VALUES:
         columns = [f"{x}{j}" for x in "uv" for j in range(np.size(problem.u0))]
-        for name, x in of_z.items():
-            columns += [name] if solution.z[name].ndim == 1 else [f"{name}{j}" for j in range(x.shape[1])]
+        for key, x in of_z.items():
+            columns += [key] if solution.z[key].ndim == 1 else [f"{key}{j}" for j in range(x.shape[1])]
         header = ",".join(["t", *columns])
         with files.writing(f"{name}.csv") as path:
             np.savetxt(path, table, delimiter=",", header=header, comments="")

@@ -170,7 +170,7 @@ def fit(
     KeyboardInterrupt
         After Ctrl-C. Its attribute `solution` is the interrupted run or ensemble; None between two runs.
     """
-    places = check_places(problem, parameters)
+    places, outputs = check_places(problem, parameters), problem.unknowns.bind_all(outputs)
     series = check_data(problem, data, check_functions(None, outputs).outputs, sigma)
     problem = _first(problem, places, parameters)
     low, high = _check_bounds(problem, places, bounds or {})

@@ -22,7 +22,7 @@ def cores() -> int:
 
 def starts_threads(rhs: Any) -> bool:
     """Return whether a function starts threads: with some threading layers of Numba, two of them end the process."""
-    inner = getattr(getattr(rhs, "py_func", None), "named", rhs)
+    inner = getattr(getattr(rhs, "py_func", None), "inner", rhs)
     return isinstance(inner, Jitted) and bool(options_of(inner).get("parallel"))
 
 
