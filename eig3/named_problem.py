@@ -1,4 +1,4 @@
-"""Problems by name: those of the library, and one's own as MODULE:NAME or FILE.py:NAME."""
+"""Find a problem of the library by its name, or a problem of the user by MODULE:NAME or FILE.py:NAME."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _with_end(make: Callable[..., Any], name: str, parameters: list[Parameter]) 
 
 
 def refused(name: str, command: str, why: str) -> SystemExit:
-    """Return the error of a problem of one's own."""
+    """Return the error of a problem of the user."""
     return SystemExit(f"{command} {name}: {why}.")
 
 
