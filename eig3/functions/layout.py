@@ -136,8 +136,10 @@ class Layout:
         text = "\n    ".join(["def read(p):", *self._views("p"), f"return {self._tuple}", ""])
         return define(text, "named", self._names)["read"](p)
 
-    def bind(self, function: Any) -> Any:
+    def bind(self, function: Any, place: int = PLACE_OF_P) -> Any:
         """Return a jitted function of the array p that calls `function` with the named parameters.
+
+        p is the argument at a `place`.
 
         It is the same object at each call. Bound functions, and objects that are not jitted functions, are returned
         unchanged.
@@ -157,7 +159,7 @@ class Layout:
             return function
         known = _bound.setdefault(function, {})
         if self not in known:
-            known[self] = self._bound(function)
+            known[self] = self._bound(function, place)
         return known[self]
 
     def bind_all(self, functions: Any) -> Any:
@@ -171,16 +173,16 @@ class Layout:
         jacobian = getattr(method, "jacobian", None)
         return method if jacobian is None else dataclasses.replace(method, jacobian=self.bind(jacobian))
 
-    def _bound(self, function: Any) -> Any:
+    def _bound(self, function: Any, place: int) -> Any:
         arguments = list(inspect.signature(function.py_func).parameters)
-        if len(arguments) <= PLACE_OF_P:
+        if len(arguments) <= place:
             return function  # a later check names the arguments that it must have
-        p = arguments[PLACE_OF_P]
-        for name in attributes_of(function, PLACE_OF_P):
+        p = arguments[place]
+        for name in attributes_of(function, place):
             if name not in self.names:
                 raise unknown_name(f"{function.__name__} reads {p}.{name}, but params has", name, self.names)
         lines = [f"def {function.__name__}({', '.join(arguments)}):", *self._views(p)]
-        given = [*arguments[:PLACE_OF_P], self._tuple, *arguments[PLACE_OF_P + 1 :]]
+        given = [*arguments[:place], self._tuple, *arguments[place + 1 :]]
         text = "\n    ".join([*lines, f"return inner_function({', '.join(given)})", ""])
         names = {**self._names, "inner_function": function, "__name__": function.py_func.__module__}
         defined = define(text, "named", names)[function.__name__]

@@ -199,13 +199,13 @@ class Frame:
             In space, rx, ry and rz of a node are then its rotation vector; its rates, as in `v0`, equal the angular
             velocity only for small rotations. A run ends where a node has rotated by 2 pi.
         **options
-            The other options of `eig3.linear`, such as `damping`, `force`, `u0` and `work`.
+            The other options of `eig3.linear`, such as `damping`, `force`, `links`, `u0` and `work`.
 
         Returns
         -------
         Problem
-            Its `view` shows the frame, and `h` is a stable step from the frequencies of the members. Its energy is
-            constant without ground motion and damping.
+            Its `view` shows the frame, and `h` is a stable step from the frequencies of the members, without links. Its
+            energy is constant without ground motion, damping and links.
 
         Raises
         ------
@@ -226,7 +226,7 @@ class Frame:
         problem = linear(masses, None, K, t_span=t_span, names=names, units=units, **options)
         if corotational and ground is None:
             problem = problem.with_(energy=energy)
-        h = None if corotational else self._stable_step(problem.params)
+        h = None if corotational or options.get("links") else self._stable_step(problem.params)
         return problem.with_(name="frame", view=self._view(names, 1.0), h=h)
 
     def modes(self, count: int, direction: str = "ux") -> Modes:

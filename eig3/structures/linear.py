@@ -14,12 +14,14 @@ from ..kernels.compile.numba_internals import Jitted
 from ..keywords import with_suggestions
 from .damping import Modal, Rayleigh
 from .factors import copies_in, factors
+from .links import Kind, check_links, events_of, states_of
 from .loads import check_ground, check_table
 from .matrices import Mass, check_mass, check_matrix, check_symmetric, edge_of_blocks
 from .modal import exact_motion, unknown
 from .source import INTEGRALS, LOADED, Parts, energy, right_hand_side
 from .structure import Structure
 
+_LINKS = "the structure has links: leave them out"
 _FUNCTION = "the force is a function: give it as a table if it depends on the time only"
 
 
@@ -32,6 +34,7 @@ def linear(
     force: Any = None,
     ground: Any = None,
     damping: Rayleigh | Modal | None = None,
+    links: Sequence[tuple[Any, Any, Any]] = (),
     t_span: Sequence[float],
     u0: ArrayLike = 0.0,
     v0: ArrayLike = 0.0,
@@ -60,6 +63,10 @@ def linear(
         direction of the motion, and 0 for a perpendicular one; by default, 1 for all.
     damping : Rayleigh or Modal
         Damping in addition to C.
+    links : sequence of (Link, first, second)
+        Links of `eig3.effects` between two degrees of freedom, such as ``(BoucWen(2e6, 0.01), 0, 1)``. The ends are
+        numbers or names, sequences of these, or None for the ground. The stretch r is u of the second end minus u of
+        the first. ``z["bouc wen"]`` has the states of links with memory.
     t_span : (float, float)
     u0, v0 : float or array_like, shape (n,)
     lump : {"row", "hrz"}, optional
@@ -109,13 +116,19 @@ def linear(
         is_function = isinstance(force, Jitted)
         values |= {} if is_function else check_table(force, n)
         has.add("force" if is_function else "table")
+    kinds: tuple[Kind, ...] = ()
+    if links:
+        kinds, of_links = check_links(links, names, n)
+        values |= of_links
+        has.add("links")
     own = {} if params is None else Parameters(params)._asdict()
     taken = sorted({*own} & {*values})
     if taken:
         raise ValueError(f"params must not have the name {taken[0]}, which the structure has already.")
-    parts = Parts(frozenset(has), edge, copies, threads)
+    parts = Parts(frozenset(has), edge, copies, threads, kinds)
     u0, v0, t_span = _start(u0, "u0", n), _start(v0, "v0", n), check_span(t_span)
     every = Parameters(values | own)
+    why = _FUNCTION if "force" in has else _LINKS if links else ""
     return Structure(
         name="structure",
         rhs=right_hand_side(parts, force if "force" in has else None),
@@ -123,11 +136,12 @@ def linear(
         v0=v0,
         params=every,
         t_span=t_span,
-        exact=unknown(_FUNCTION) if "force" in has else exact_motion(every, u0, v0, t_span[0]),
+        exact=unknown(why) if why else exact_motion(every, u0, v0, t_span[0]),
         energy=energy(parts) if work or not has & LOADED else None,
         names=_names(names, n),
         units=units if isinstance(units, str) else tuple(units),
-        z0=dict.fromkeys(INTEGRALS, 0.0) if work else {},
+        z0=states_of(kinds, values) | (dict.fromkeys(INTEGRALS, 0.0) if work else {}),
+        events=events_of(kinds, values, every.layout),
     )
 
 

@@ -17,16 +17,18 @@ from ..effects.sampled_motion import interval
 from ..functions.callbacks import jit
 from ..kernels.compile.jit import element
 from ..kernels.compile.source import Writer, define
+from . import links
 from .factors import solution
+from .links import Kind
 from .products import product
 
 _KEPT = 64  # functions; without a limit, functions of the user would stay in memory for ever
 
 #: The terms that change the energy.
-LOADED = frozenset({"C", "rayleigh", "modal", "ground", "force", "table"})
+LOADED = frozenset({"C", "rayleigh", "modal", "ground", "force", "table", "links"})
 #: The integrals over time of a run with `work=True`.
 INTEGRALS = "work", "dissipated"
-_LOADS = frozenset({"force", "table"})  # on single degrees of freedom, computed first
+_LOADS = frozenset({"force", "table", "links"})  # on single degrees of freedom, computed first
 
 _TABLE = """\
 place, part = weight(t, p.force_times)
@@ -63,12 +65,19 @@ class Parts:
     copies : int
         The number of directions with the same consistent mass matrix.
     threads : int
+    links : tuple of Kind
     """
 
     has: frozenset[str]
     edge: int = 1
     copies: int = 1
     threads: int = 1
+    links: tuple[Kind, ...] = ()
+
+    @property
+    def end(self) -> str:
+        """The text of the number of degrees of freedom and states."""
+        return "n + p.states" if self.links else "n"
 
 
 @element
@@ -85,13 +94,15 @@ def weight(t: Any, times: Any) -> Any:
 def right_hand_side(parts: Parts, force: Any) -> Any:
     """Return the jitted right-hand side of a structure with these parts, which structures with the same parts share."""
     has, edge = parts.has, parts.edge
-    out = Writer()
+    out, of_links = Writer(), dict[str, Any]()
     with out.block("def rhs(t, u, v, p, a)"):
         out.line("n = p.size")
         if has & _LOADS:
             with out.block("for i in range(a.size)"):
                 out.line("a[i] = 0.0")
         out.line(*["force(t, u, v, p, a)"] * ("force" in has))
+        if parts.links:
+            links.write(parts.links, out, of_links)
         out.insert(_TABLE * ("table" in has) + _GROUND * ("ground" in has))
         out.line(*(_arrays(name) for name in "KC" if name in has), *["m = p.m"] * ("lumped" in has))
         out.line(*["influence = p.influence"] * ("ground" in has), *["rate, decay = p.b, p.a"] * ("rayleigh" in has))
@@ -110,7 +121,7 @@ def right_hand_side(parts: Parts, force: Any) -> Any:
                     out.line(f"a[i] -= {later}")
         out.insert(_MODAL * ("modal" in has))
         if "work" in has:
-            with out.block("if u.size > n"):
+            with out.block(f"if u.size > {parts.end}"):
                 _power(parts, out)
     names = {
         "__name__": __name__,
@@ -121,8 +132,16 @@ def right_hand_side(parts: Parts, force: Any) -> Any:
         "product": product(edge, False),
         "of_mass": product(1, False),
         "solution": solution(parts.copies),
+        **of_links,
     }
-    return jit(define(str(out), "structure", names)["rhs"], parallel=parts.threads > 1)
+    return _marked(jit(define(str(out), "structure", names)["rhs"], parallel=parts.threads > 1), parts)
+
+
+def _marked(function: Any, parts: Parts) -> Any:
+    """Mark a function that takes the states of links as first-order unknowns, in the form of kernels."""
+    if any(kind.has_state for kind in parts.links):
+        function.py_func.reads_z = True
+    return function
 
 
 @functools.lru_cache(_KEPT)
@@ -140,11 +159,11 @@ def energy(parts: Parts) -> Any:
                 out.line("sums = product(K_data, K_indices, K_indptr, row, u)")
                 out.line(*(f"energy += 0.5 * u[{_at(parts.edge, i)}] * sums[{i}]" for i in range(parts.edge)))
         if "work" in parts.has:
-            with out.block("if v.size > n"):
-                out.line("energy -= v[n]")
+            with out.block(f"if v.size > {parts.end}"):
+                out.line(f"energy -= v[{parts.end}]")
         out.line("return energy")
     names = {"__name__": __name__, "product": product(parts.edge, False), "of_mass": product(1, False)}
-    return jit(define(str(out), "structure", names)["energy"])
+    return _marked(jit(define(str(out), "structure", names)["energy"]), parts)
 
 
 def _row(parts: Parts) -> list[str]:
@@ -195,7 +214,7 @@ def _power(parts: Parts, out: Writer) -> None:
             with out.block("for i in range(n)"):
                 out.line("speed += p.rates[j, i] * v[i]", f"amount += p.modes[j, i] * {_of_mass(parts, 'v')}")
             out.line("lost += speed * amount")
-    out.line("a[n] = power", "a[n + 1] = lost")
+    out.line(f"a[{parts.end}] = power", f"a[{parts.end} + 1] = lost")
 
 
 def _of_mass(parts: Parts, x: str) -> str:

@@ -1,0 +1,211 @@
+"""Links of effects between the degrees of freedom of structures."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+import eig3
+from eig3.effects import BoucWen, Cable, ElasticPlastic, LinearDamper, LinearSpring, Link, MassImpact, Maxwell
+from eig3.scene import Scene
+from eig3.structures import Frame, Section
+
+M = np.array([1.0, 2.0, 3.0])
+K = 10 * np.array([[3.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+T = np.arange(0, 10, 0.01)
+GROUND = T, 8 * np.sin(3 * T)
+LINKS = [
+    (BoucWen(20.0, 0.05, 0.1), None, 0),
+    (ElasticPlastic(40.0, 1.0, 0.05), 0, 1),
+    (ElasticPlastic(40.0, 1.0, 0.05), [1], [2]),
+    (Maxwell(10.0, 2.0), "a", "c"),
+    (LinearDamper(0.2), None, 2),
+]
+
+
+def structure(links=LINKS, **options):
+    return eig3.linear(M, None, K, links=links, ground=GROUND, t_span=(0, 8), names=("a", "b", "c"), **options)
+
+
+def as_a_scene(force):
+    """The same structure from masses and springs on ground that stands still, with the inertia forces of the ground."""
+    scene = Scene(dimension=1)
+    ground, masses = scene.fixed(0.0), scene.mass(M, np.zeros(3))
+    scene.add(LinearSpring(20.0), ground, masses[0])
+    scene.add(LinearSpring(10.0), masses[:2], masses[1:])
+    for law, first, second in LINKS:
+        ends = [{"a": 0, "c": 2}.get(x, x) if isinstance(x, str) else x for x in (first, second)]
+        ends = [ground if x is None else masses[int(np.ravel(x)[0])] for x in ends]
+        scene.add(law, *ends)
+    scene.add(force, masses)
+    return scene.problem((0, 8))
+
+
+def test_a_structure_with_links_moves_as_the_same_scene():
+    from eig3.effects import Body
+
+    @dataclass(frozen=True, eq=False)
+    class Inertia(Body):
+        @staticmethod
+        @eig3.jit
+        def acceleration(t):
+            return (-8 * np.sin(3 * t),)
+
+    problem, scene = structure(), as_a_scene(Inertia())
+    options = {"rtol": 1e-9, "t_eval": np.linspace(0, 8, 9), "h_max": 0.01}
+    run, other = problem.integrate(**options), scene.integrate(**options)
+    # The record is linear between its samples: its interpolation error of 1e-4 is smooth.
+    np.testing.assert_allclose(run.u, other.u[:, :3], rtol=0, atol=2e-4 * np.abs(run.u).max())
+    for name in ("bouc wen", "maxwell"):
+        np.testing.assert_allclose(run.z[name], other.z[name], rtol=0, atol=2e-4 * np.abs(run.u).max())
+    assert run.z["elastic plastic"].shape == (9, 2)
+    assert [*problem.events] == ["elastic plastic 0", "elastic plastic 1"]
+    assert len(run.events["elastic plastic 0"]) == len(other.events["elastic plastic 0"]) > 3
+
+
+def test_eig3_keeps_its_order():
+    """The links turn within steps, so single ratios scatter: the mean over four halvings counts."""
+    problem = structure()
+    true = problem.integrate(rtol=1e-10).u[-1]
+    errors = [np.abs(problem.integrate(h=h).u[-1] - true).max() for h in (2e-2, 2e-2 / 16)]
+    assert errors[0] / errors[1] > 16 ** (2 - 0.4)
+
+
+@eig3.jit
+def by_hand(t, u, v, z, p, a, dz):
+    pull = 20 * (0.1 * u[0] + 0.9 * z[0])
+    f0 = -30 * u[0] + 10 * u[1] - pull
+    f1 = 10 * u[0] - 20 * u[1]
+    a[0], a[1] = (2 * f0 - f1) / 3, (2 * f1 - f0) / 3
+    dz[0] = v[0] * (1 - abs(z[0] / 0.05) * (0.5 + 0.5 * np.sign(v[0] * z[0])))
+
+
+@pytest.mark.parametrize("work", [False, True])
+def test_a_consistent_mass_with_a_link(work):
+    mass, k = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([[30.0, -10.0], [-10.0, 20.0]])
+    links = [(BoucWen(20.0, 0.05, 0.1), None, 0)]
+    problem = eig3.linear(mass, None, k, links=links, t_span=(0, 5), v0=[1.0, 0.0], work=work)
+    run = problem.integrate(h=1e-3, method="rk4")
+    other = eig3.integrate(by_hand, (0, 5), [0.0, 0.0], [1.0, 0.0], z0=0.0, h=1e-3, method="rk4")
+    np.testing.assert_allclose(run.u, other.u, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(run.z["bouc wen"], other.z["z"], rtol=0, atol=1e-10)
+
+
+def test_the_work_balances_the_energy():
+    run = structure(work=True).integrate(rtol=1e-9)
+    assert run.drift["energy"] < 1e-6 * np.abs(run.z["work"]).max()
+
+
+def test_linear_links_are_entries_of_the_matrices():
+    links = [(LinearSpring(5.0), 0, [1, 2]), (LinearDamper(0.3), None, [0, 2])]
+    k = K + 5 * np.array([[2, -1, -1], [-1, 1, 0], [-1, 0, 1]])
+    options = {"ground": GROUND, "t_span": (0, 8)}
+    one = eig3.linear(M, None, K, links=links, **options).integrate(h=1e-3)
+    other = eig3.linear(M, np.diag([0.3, 0, 0.3]), k, **options).integrate(h=1e-3)
+    np.testing.assert_allclose(one.u, other.u, rtol=0, atol=1e-11)
+
+
+def test_a_link_with_an_event_and_without_a_state():
+    """A cable that goes slack; a structure without links between."""
+    problem = eig3.linear([1.0], None, [[4.0]], links=[(Cable(50.0, 0.1), None, 0)], t_span=(0, 5), v0=[1.0])
+    run = problem.integrate(rtol=1e-9)
+    assert len(run.events["cable 0"]) > 2
+    np.testing.assert_allclose(run.events["cable 0"].u[:, 0], 0.1, rtol=0, atol=1e-7)
+    assert run.z == {}
+
+
+@pytest.mark.parametrize("options", [{"h": 2e-3}, {"rtol": 1e-7}], ids=["h", "rtol"])
+def test_members_with_scaled_records_are_single_runs(options):
+    problem = structure()
+    scales = np.linspace(0.2, 1.5, 18)
+    members = problem.ensemble(params={"ground_scale": scales}, t_eval=[0, 4, 8], **options)
+    for i in (0, 17):
+        alone = problem.with_(params=problem.params._replace(ground_scale=scales[i])).integrate(
+            t_eval=[0, 4, 8], **options
+        )
+        tolerance = 1e-10 if "h" in options else 1e-5  # beside kinks, round-off changes the steps
+        np.testing.assert_allclose(members.u[i], alone.u, rtol=0, atol=tolerance)
+        np.testing.assert_allclose(members.z["bouc wen"][i], alone.z["bouc wen"], rtol=0, atol=tolerance)
+
+
+def test_threads_change_no_bit():
+    runs = [structure(threads=threads).integrate(h=5e-3) for threads in (1, 2)]
+    np.testing.assert_array_equal(runs[0].u, runs[1].u)
+
+
+def test_a_frame_on_isolators():
+    """Names of the frame's degrees of freedom are the ends; a spring link is the same as a spring in K."""
+    frame = Frame(2)
+    for k in range(2):
+        for name, height, mass in (("base", 0.0, 50.0), ("top", 3.0, 1000.0)):
+            frame.node(f"{name}{k}", 4.0 * k, height)
+            frame.mass(f"{name}{k}", mass)
+        frame.support(f"base{k}", "uy rz")
+    section = Section(E=3e10, A=0.09, I=6.75e-4)
+    for a, b in (("base0", "top0"), ("base1", "top1"), ("top0", "top1")):
+        frame.member(a, b, section)
+    links = [(BoucWen(5e5, 0.01, 0.1), None, ["base0.ux", "base1.ux"])]
+    damping = eig3.Rayleigh(0.03, 3.0, 30.0)
+    problem = frame.problem((0, 5), ground=(T, 2 * np.sin(4 * T)), links=links, damping=damping)
+    run = problem.integrate(rtol=1e-6)
+    assert problem.h is None
+    assert run.z["bouc wen"].shape[1] == 2
+    base = [problem.names.index(f"base{k}.ux") for k in range(2)]
+    assert 0.005 < np.abs(run.u[:, base]).max() < 0.5
+    assert np.abs(run.z["bouc wen"]).max() < 0.01 * (1 + 1e-6)
+
+
+def test_the_exact_motion_is_not_known_and_modes_are_without_links():
+    problem = structure()
+    assert not problem.exact
+    with pytest.raises(ValueError, match="has links: leave them out"):
+        problem.exact(1.0)
+    np.testing.assert_array_equal(problem.modes(2).omega, structure(links=()).modes(2).omega)
+
+
+class Own(Link):
+    """Not a dataclass: never made."""
+
+
+@pytest.mark.parametrize(
+    ("links", "said"),
+    [
+        ([LinearSpring(1.0)], "links[0] must be (link, first, second) with a link of eig3.effects"),
+        (
+            [(eig3.effects.Gravity((-9.81,)), 0, 1)],
+            "links[0] must be (link, first, second) with a link of eig3.effects",
+        ),
+        ([(LinearSpring(1.0), 0, 3)], "links[0] must have numbers from 0 to 2, names or None for its ends, not 3"),
+        ([(LinearSpring(1.0), 0, "d")], "links[0]: the structure has no d: did you mean"),
+        ([(LinearSpring(1.0), 1, 1)], "links[0] must join two different degrees of freedom"),
+        ([(MassImpact(0.3), 0, 1)], "links[0] changes velocities at events, which a structure does not take"),
+    ],
+)
+def test_what_is_wrong_is_refused_in_a_sentence(links, said):
+    with pytest.raises((TypeError, ValueError), match=re.escape(said)):
+        structure(links)
+
+
+def test_many_links_are_one_loop():
+    """The source has the same number of lines for one link and for a hundred."""
+    n = 101
+    stiffness = scipy.sparse.diags_array([2.0 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1])
+    few, many = (
+        eig3.linear(
+            np.ones(n),
+            None,
+            stiffness,
+            links=[(ElasticPlastic(4.0, 0.1), np.arange(m), np.arange(m) + 1)],
+            t_span=(0, 1),
+            v0=np.eye(n)[0],
+        )
+        for m in (1, 100)
+    )
+    import inspect
+
+    sources = [inspect.getsource(problem.rhs.py_func.inner.py_func) for problem in (few, many)]
+    assert sources[0] == sources[1]
+    assert len(many.events) == 100
+    assert many.integrate(h=0.01).success
