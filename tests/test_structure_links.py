@@ -10,7 +10,7 @@ import scipy.sparse
 import eig3
 from eig3.effects import BoucWen, Cable, ElasticPlastic, LinearDamper, LinearSpring, Link, MassImpact, Maxwell
 from eig3.scene import Scene
-from eig3.structures import Frame, Section
+from eig3.structures import Frame, Section, base_shear, link_forces, storey_drifts
 
 M = np.array([1.0, 2.0, 3.0])
 K = 10 * np.array([[3.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
@@ -128,6 +128,31 @@ def test_members_with_scaled_records_are_single_runs(options):
         tolerance = 1e-10 if "h" in options else 1e-5  # beside kinks, round-off changes the steps
         np.testing.assert_allclose(members.u[i], alone.u, rtol=0, atol=tolerance)
         np.testing.assert_allclose(members.z["bouc wen"][i], alone.z["bouc wen"], rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("links", [LINKS, LINKS[-1:]], ids=["with states", "without"])
+def test_the_forces_of_links_and_the_base_shear(links):
+    """By the equation of motion, M a + M r g = -base shear in each degree of freedom together."""
+    problem = structure(links)
+    function, count = link_forces(problem)
+    outputs = {"links": (function, count), "shear": base_shear(problem), "drift": storey_drifts(problem, ["a", "b"])}
+    run = problem.integrate(h=5e-3, outputs=outputs)
+    pulls = run.outputs["links"]
+    np.testing.assert_allclose(pulls[:, -1], 0.2 * run.v[:, 2], rtol=0, atol=1e-12)
+    inertia = (run.a + np.interp(run.t, *GROUND)[:, None]) @ M
+    np.testing.assert_allclose(run.outputs["shear"], -inertia, rtol=0, atol=1e-9)
+    assert run.extremes["links"].high.shape == (count,)
+    if count > 1:
+        np.testing.assert_allclose(pulls[:, 0], 2 * run.u[:, 0] + 18 * run.z["bouc wen"], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(pulls[:, 3], 10 * run.z["maxwell"], rtol=0, atol=1e-11)
+        stretch = np.diff(run.u, axis=1)
+        elastic = 40 * (stretch - run.z["elastic plastic"])
+        np.testing.assert_allclose(pulls[:, 1:3], np.clip(elastic, 2 * stretch - 0.95, 2 * stretch + 0.95), atol=1e-11)
+
+
+def test_forces_of_links_need_links():
+    with pytest.raises(ValueError, match=re.escape("problem must have links: give it to eig3.linear.")):
+        link_forces(structure(()))
 
 
 def test_threads_change_no_bit():

@@ -6,6 +6,7 @@ unknowns: the rate of a state that only events change is 0.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -102,15 +103,50 @@ def write(kinds: Sequence[Kind], out: Writer, names: dict[str, Any]) -> None:
     for k, kind in enumerate(kinds):
         with out.block(f"for s in range(p.link_{k}_first.size)"):
             _write_one(k, kind, out, names)
-            functions = kind.names
-            pulls = [_call(k, kind, name) + " * r" * (name == "force_density") for name in _PULLS if name in functions]
-            out.line(f"pull = {' + '.join(pulls)}")
+            out.line(_pull(k, kind))
             for end, sign in (("i", "+="), ("j", "-=")):
                 with out.block(f"if {end} >= 0"):
                     out.line(f"a[{end}] {sign} pull")
             if kind.has_state:
-                out.line(f"a[place + s] = {_call(k, kind, RATE) if RATE in functions else '0.0'}")
+                out.line(f"a[place + s] = {_call(k, kind, RATE) if RATE in kind.names else '0.0'}")
         out.line(*[f"place += p.link_{k}_first.size"] * kind.has_state)
+
+
+@functools.lru_cache(64)
+def forces(kinds: tuple[Kind, ...]) -> Any:
+    """Return an output with the tension of each link, in the order of the kinds."""
+    return _of_all(kinds, "forces(t, u, v, p, out)", "out[row] = pull", "")
+
+
+@functools.lru_cache(64)
+def shear(kinds: tuple[Kind, ...]) -> Any:
+    """Return a function of the forces of all links in the direction of the ground motion."""
+    ends = "total -= p.influence[i] * pull if i >= 0 else 0.0", "total += p.influence[j] * pull if j >= 0 else 0.0"
+    return _of_all(kinds, "shear(t, u, v, p)", "\n".join(ends), "return total")
+
+
+def _of_all(kinds: tuple[Kind, ...], head: str, each: str, end: str) -> Any:
+    """Return a function with a loop over all links."""
+    names: dict[str, Any] = {"__name__": __name__}
+    out = Writer()
+    with out.block(f"def {head}"):
+        out.line("n, row, total = p.size, 0, 0.0", "place = n")
+        for k, kind in enumerate(kinds):
+            with out.block(f"for s in range(p.link_{k}_first.size)"):
+                _write_one(k, kind, out, names)
+                out.line(_pull(k, kind))
+                out.insert(each)
+                out.line("row += 1")
+            out.line(*[f"place += p.link_{k}_first.size"] * kind.has_state)
+        out.insert(end)
+    return marked(jit(define(str(out), "links", names)[head.partition("(")[0]]), kinds)
+
+
+def marked(function: Any, kinds: Sequence[Kind]) -> Any:
+    """Mark a function that takes the states of links as first-order unknowns, in the form of kernels."""
+    if any(kind.has_state for kind in kinds):
+        function.py_func.reads_z = True
+    return function
 
 
 def events_of(kinds: Sequence[Kind], values: dict[str, Any], layout: Layout) -> dict[str, Event]:
@@ -156,6 +192,11 @@ def _write_one(k: int, kind: Kind, out: Writer, names: dict[str, Any]) -> None:
         with out.block(f"if {end} >= 0"):
             out.line(f"r {sign} u[{end}]", f"rate {sign} v[{end}]")
     out.line(*["state = v[place + s]"] * kind.has_state)
+
+
+def _pull(k: int, kind: Kind) -> str:
+    pulls = [_call(k, kind, name) + " * r" * (name == "force_density") for name in _PULLS if name in kind.names]
+    return f"pull = {' + '.join(pulls)}"
 
 
 def _call(k: int, kind: Kind, name: str) -> str:

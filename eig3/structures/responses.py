@@ -14,13 +14,14 @@ from ..functions.callbacks import jit
 from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
 from ..problem import Problem
+from . import links
 from .products import product
 
 
 def base_shear(problem: Problem) -> Any:
     """Return the base shear of a structure on moving ground, as an output for `Problem.integrate`.
 
-    It is the sum of the elastic forces in the direction of the ground motion, r^T K u.
+    It is the sum of the elastic forces in the direction of the ground motion, r^T K u, and of the forces of links.
 
     Parameters
     ----------
@@ -37,8 +38,8 @@ def base_shear(problem: Problem) -> Any:
     TypeError, ValueError
         If the problem has no K or no ground motion.
     """
-    p = _params(problem, "K", "ground")
-    rows, edge = product(p.K.edge, False), p.K.edge
+    p, kinds = _params(problem, "K", "ground"), links_of(problem)
+    rows, edge, of_links = product(p.K.edge, False), p.K.edge, links.shear(kinds)
 
     @jit
     def shear(t, u, v, p):  # type: ignore[no-untyped-def]
@@ -47,9 +48,37 @@ def base_shear(problem: Problem) -> Any:
             forces = rows(data, p.K.indices, p.K.indptr, row, u)
             for k in range(edge):
                 total += p.influence[edge * row + k] * forces[k]
-        return total
+        return total + of_links(t, u, v, p)
 
-    return shear
+    return links.marked(shear, kinds)
+
+
+def link_forces(problem: Problem) -> tuple[Any, int]:
+    """Return the tension of each link of a structure, as an output for `Problem.integrate`.
+
+    Parameters
+    ----------
+    problem : Problem
+        A problem of `eig3.linear` with links.
+
+    Returns
+    -------
+    (jitted function, int)
+        The function and its number of values: N, or N m for links of rotations. Links of one effect are together, in
+        the order in which their effects come first in `links`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the problem has no links.
+    """
+    p, kinds = _params(problem, "states"), links_of(problem)
+    return links.forces(kinds), sum(len(p[f"link_{k}_first"]) for k in range(len(kinds)))
+
+
+def links_of(problem: Problem) -> tuple[links.Kind, ...]:
+    """Return the kinds of links of a structure."""
+    return problem.rhs.py_func.inner.py_func.links
 
 
 def storey_drifts(problem: Problem, floors: Sequence[int | str]) -> tuple[Any, int]:
@@ -169,7 +198,8 @@ def _params(problem: Any, *names: str) -> Any:
         raise TypeError(f"problem must be a problem of eig3.linear, not {shown(problem)}.")
     for name in names:
         if name not in known:
-            raise ValueError(f"problem must have {name}: give it to eig3.linear.")
+            what = "links" if name == "states" else name
+            raise ValueError(f"problem must have {what}: give it to eig3.linear.")
     return problem.params
 
 

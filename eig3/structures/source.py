@@ -134,14 +134,9 @@ def right_hand_side(parts: Parts, force: Any) -> Any:
         "solution": solution(parts.copies),
         **of_links,
     }
-    return _marked(jit(define(str(out), "structure", names)["rhs"], parallel=parts.threads > 1), parts)
-
-
-def _marked(function: Any, parts: Parts) -> Any:
-    """Mark a function that takes the states of links as first-order unknowns, in the form of kernels."""
-    if any(kind.has_state for kind in parts.links):
-        function.py_func.reads_z = True
-    return function
+    rhs = jit(define(str(out), "structure", names)["rhs"], parallel=parts.threads > 1)
+    rhs.py_func.links = parts.links  # for outputs; this is pickled with the Python function
+    return links.marked(rhs, parts.links)
 
 
 @functools.lru_cache(_KEPT)
@@ -163,7 +158,7 @@ def energy(parts: Parts) -> Any:
                 out.line(f"energy -= v[{parts.end}]")
         out.line("return energy")
     names = {"__name__": __name__, "product": product(parts.edge, False), "of_mass": product(1, False)}
-    return _marked(jit(define(str(out), "structure", names)["energy"]), parts)
+    return links.marked(jit(define(str(out), "structure", names)["energy"]), parts.links)
 
 
 def _row(parts: Parts) -> list[str]:
