@@ -130,6 +130,8 @@ class Problem:
         potentials have it.
     masses : array_like, shape (n,), optional
         The mass of each degree of freedom, for `Langevin`; infinite for a degree of freedom without noise.
+    unknowns : FirstOrder
+        The names and shapes of z0, which are not given.
     """
 
     name: str

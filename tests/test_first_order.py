@@ -334,7 +334,7 @@ def acceleration(t, u, v, p):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"z0": None}, "rhs has first-order unknowns z: give their first values too"),
+        ({"z0": None}, "rhs has first-order unknowns z: give their first values as z0"),
         ({"z0": np.nan}, "z0 must be finite"),
         ({"z0": {}}, "z0 must have at least one"),
         ({"z0": {"a": []}}, "z0['a'] must hold at least one value"),
@@ -353,6 +353,28 @@ def test_wrong_arguments_are_refused_in_a_sentence(given, said):
     options = {"rhs": solid, "t_span": (0, 1), "u0": [1.0], "v0": [0.0], "params": P, "h": 0.1} | given
     with pytest.raises((TypeError, ValueError), match=re.escape(said)):
         eig3.integrate(**options)
+
+
+def test_all_calls_say_where_z0_is_given():
+    said = "rhs has first-order unknowns z: give their first values as z0, to eig3.integrate, prepare, ensemble or"
+    for call in (
+        lambda: eig3.Stepper(solid, [1.0], [0.0], h=0.1, params=P),
+        lambda: eig3.critical_step(solid, [1.0], [0.0], P),
+        lambda: eig3.prepare(solid, h=0.1),
+        lambda: eig3.ensemble(solid, (0, 1), [[1.0]], [0.0], h=0.1, params=P),
+        lambda: eig3.Problem("solid", solid, [1.0], [0.0], P, (0, 1)).integrate(h=0.1),
+    ):
+        with pytest.raises(TypeError, match=re.escape(said)):
+            call()
+
+
+def test_a_run_that_diverges_and_one_that_is_stiff_are_explained():
+    problem = eig3.Problem("solid", solid, [1.0], [0.0], [4.0, 30.0, 0.01], (0.0, 30.0), z0=0.2)
+    why = problem.integrate(h=0.0105).explain()
+    limit = problem.critical_step(safety=1.0).limit
+    assert f"the critical step of EIG3(alpha=1.0, beta=0.5) is {limit:.4g}" in why
+    stiff = problem.with_(params=[4.0, 30.0, 1e-3]).integrate(rtol=1e-4, method="rk5")
+    assert any("The motion is stiff" in note for note in stiff.notes)
 
 
 def test_other_starts_keep_names_and_shapes():

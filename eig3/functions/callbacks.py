@@ -117,6 +117,7 @@ _ARGUMENTS = {
 _INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
 
 PLACE_OF_V, PLACE_OF_P = 2, 3  # among the arguments of a function
+WITH_Z = 7  # arguments of a right-hand side with first-order unknowns
 
 # The references are weak, to free the memory of functions that are no longer used.
 _checked: WeakKeyDictionary[Jitted, dict[tuple[str, str], Callback]] = WeakKeyDictionary()
@@ -319,8 +320,11 @@ def _check_arguments(function: Callable, name: str, kind: str, form: Form, wante
             f"rhs has the {other.name} form {_ARGUMENTS[kind, other]}, but u0 is {u0}; give u0 as {remedy}, "
             f"or write rhs as {wanted}."
         )
-    if kind == "rhs" and takes(function, 7):
-        raise TypeError("rhs has first-order unknowns z: give their first values too, such as z0=0.0.")
+    if kind == "rhs" and takes(function, WITH_Z):
+        raise TypeError(
+            "rhs has first-order unknowns z: give their first values as z0, to eig3.integrate, prepare, ensemble or "
+            "Problem."
+        )
     given = len(inspect.signature(function).parameters)
     raise TypeError(f"{name} takes {given} arguments, but must take {count}: {wanted}.")
 
@@ -350,7 +354,7 @@ def form_of(rhs: Any) -> Form:
     function = getattr(rhs, "py_func", rhs)
     if not callable(function) or takes(function, len(SCALAR.rhs.args)):
         return SCALAR  # if rhs is not a function, a later check raises the error
-    return VECTOR if takes(function, len(VECTOR.rhs.args)) else SCALAR
+    return VECTOR if any(takes(function, count) for count in (len(VECTOR.rhs.args), WITH_Z)) else SCALAR
 
 
 def _described(returned: Any) -> str:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from ..kernels.compile.numba_internals import Jitted
 from ..kernels.compile.source import define
 from ..kernels.protocol import SCALAR, VECTOR, Form
-from .callbacks import jit, takes
+from .callbacks import WITH_Z, jit, takes
 from .checks import check_names, reals, shown
 from .events import Event
 from .quantities import EnergyLessWork
@@ -235,7 +235,7 @@ def flat(z: Mapping[str, np.ndarray], m: int) -> np.ndarray:
 def _reads_z(rhs: Any) -> bool:
     """Whether a right-hand side has the form with z, or is bound to z."""
     function = getattr(rhs, "py_func", rhs)
-    return is_bound(rhs) or (callable(function) and takes(function, 7))
+    return is_bound(rhs) or (callable(function) and takes(function, WITH_Z))
 
 
 def _checked(values: ArrayLike, said: str) -> np.ndarray:
