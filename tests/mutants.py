@@ -18,6 +18,44 @@ PLAIN = ("eig3/fitting", "eig3/diagnosis", "eig3/ensembles")  # none of which is
 
 #: What stands in a file before and after a mistake, for each file and the tests that notice it.
 MUTANTS = {
+    # First-order unknowns and links with memory
+    ("eig3/functions/first_order.py", "test_first_order.py -k 'order or names_shapes or bits or other_starts'"): [
+        ('[:n_own]", f"{v}[:n_own]', '[:n_own]", f"{v}[n_own:]'),
+        ("    n_own = {u}.size - {self.size}", "    n_own = {u}.size - {self.size} - 1"),
+        ("u.shape[-1] - self.size, {}", "u.shape[-1] - len(self.names), {}"),
+    ],
+    ("eig3/stepping/tolerances.py", "test_first_order.py -k 'tolerances or atol or unit'"): [
+        ("        atol[0, n:] = np.inf\n", ""),
+        ("n + n_first_order * are_read", "n"),
+    ],
+    ("kernels/loops/variable.py", "test_first_order.py -k the_unit_of_z"): [
+        ("if span.atol[0, j] < math.inf:", "if span.atol[1, j] < math.inf:"),
+    ],
+    ("eig3/result/solution.py", "test_first_order.py -k 'events_read_z or saved_states'"): [
+        ("flat(jump.z_after, len(jump))", "flat(jump.z, len(jump))"),
+        ("evaluate(t, *_with_z(u, v, z, 0.0))", "evaluate(t, *_with_z(u, v, 0 * z, 0.0))"),
+    ],
+    ("eig3/effects/elastic_plastic.py", "test_memory.py -k 'step_response or iwan or order or dissipates'"): [
+        ("crossing = 1", "crossing = -1"),
+        ("(1 - hardening) * yield_force\n    return min", "yield_force\n    return min"),
+        ("return -rate\n", "return rate\n"),
+        ("(1 - _INSIDE) * yield_force", "0.98 * yield_force"),
+    ],
+    ("eig3/effects/bouc_wen.py", "test_memory.py -k 'bouc_wen or opensees'"): [
+        ("(1 - hardening) * state", "state"),
+        ("1 - pinching + pinching * np.sign", "pinching + (1 - pinching) * np.sign"),
+        ("** sharpness", "** 1"),
+    ],
+    ("eig3/effects/maxwell.py", "test_memory.py -k 'standard_linear or opensees'"): [
+        ("stiffness / damping * state", "1.02 * stiffness / damping * state"),
+    ],
+    ("eig3/structures/links.py", "test_structure_links.py"): [
+        ('(("i", "+="), ("j", "-="))', '(("i", "+="), ("j", "+="))'),
+        ("total += p.influence[j] * pull", "total -= p.influence[j] * pull"),
+    ],
+    ("eig3/scene/assembly.py", "test_memory.py -k numbers_by_their_effect"): [
+        ("            firsts[title] += size\n", ""),
+    ],
     # Kernels
     ("kernels/neighbours.py", "test_neighbours.py -k half_of_its_skin"): [
         ("+ skin)) / 2", "+ skin)) / 1.6"),

@@ -388,6 +388,8 @@ def test_other_starts_keep_names_and_shapes():
         eig3.prepare(acceleration, h=0.1)((0, 1), 1.0, 0.0, z0=1.0)
     with pytest.raises(ValueError, match="which a stepper does not support"):
         problem.stepper(h=0.1)
+    with pytest.raises(ValueError, match="problem must have no first-order unknowns that rhs reads"):
+        eig3.report(problem)
     with pytest.raises(TypeError, match="has no first-order unknowns"):
         eig3.problems.duffing().ensemble(h=0.1, z0=0.0)
     energetic = eig3.Problem("solid", solid, [1.0], [0.3], P, (0.0, END), z0=0.2, energy=stretch)

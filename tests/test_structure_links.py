@@ -187,6 +187,8 @@ def test_the_exact_motion_is_not_known_and_modes_are_without_links():
     assert not problem.exact
     with pytest.raises(ValueError, match="has links: leave them out"):
         problem.exact(1.0)
+    with pytest.raises(ValueError, match="the links of this problem have no modes"):
+        eig3.structures.modal_solution(problem, [1.0])
     np.testing.assert_array_equal(problem.modes(2).omega, structure(links=()).modes(2).omega)
 
 

@@ -59,7 +59,7 @@ def load(name: str) -> tuple[Problem, str]:
 
 
 def check(problem: Any) -> None:
-    """Refuse what is not a problem, and a problem that an event ends.
+    """Refuse what is not a problem, and a problem that an event ends or that has first-order unknowns.
 
     Raises
     ------
@@ -68,6 +68,8 @@ def check(problem: Any) -> None:
     if not isinstance(problem, Problem):
         kind = type(problem).__name__
         raise TypeError(f"problem must be an eig3.Problem or a function that returns one, not {kind}.")
+    if problem.unknowns.is_read:
+        raise ValueError("problem must have no first-order unknowns that rhs reads, because the rivals have none.")
     for event in (event for event, what in problem.events.items() if what.terminal):
         raise ValueError(
             f"problem must have no terminal event, such as {event!r} of {problem.name}: let t_span end where it "
