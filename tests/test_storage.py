@@ -13,6 +13,7 @@ import pytest
 import eig3
 from eig3.functions.events import Occurrences
 from eig3.result import storage
+from eig3.result.error_estimate import ErrorEstimate
 from eig3.result.solution import TRANSIENT
 
 from .conftest import coupled, oscillator, structure
@@ -52,6 +53,9 @@ def full_solution():
         n_rejected=3,
         steps=np.where(run.t > 1, np.nan, 0.1),
         labels=eig3.problems.spring_pendulum().labels,
+        error=ErrorEstimate(
+            run.t, 1e-3 * run.u, 1e-3 * run.v, "a run", {"reaction": 0 * run.u}, order=4.0, notes=("So.",)
+        ),
     )
 
 
@@ -73,7 +77,7 @@ def assert_equal(one, other):
     elif isinstance(one, tuple | list):
         for pair in zip(one, other, strict=True):
             assert_equal(*pair)
-    elif isinstance(one, Occurrences):
+    elif isinstance(one, ErrorEstimate | Occurrences):
         assert_equal(vars(one), vars(other))
     elif isinstance(one, np.ndarray):
         assert one.dtype == other.dtype
@@ -287,6 +291,11 @@ HOSTILE = [
     *((("v",), value) for value in (3, None, ARRAY)),
     *((("steps",), value) for value in (3, ARRAY)),
     *((("_a",), value) for value in (3, ARRAY)),
+    *((("error",), value) for value in ("text", 3, ARRAY)),
+    (("error", "fields", "u"), {"array": "scalar"}),
+    (("error", "fields", "outputs"), {"names": ["e"], "values": [ARRAY]}),
+    (("error", "fields", "order"), "two"),
+    (("error", "fields", "by"), 3),
     *((("reason",), value) for value in ("text", 3)),
     *((("_extend",), value) for value in ("text", 3)),
     *((("_knots",), value) for value in ("text", 3)),

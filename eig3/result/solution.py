@@ -37,7 +37,7 @@ _NO_STATES = "the run ended before the first time of t_eval"
 #: A function that finds the reason why a run failed, and describes it.
 Reason = Callable[[], str]
 #: The fields that a copy, a pickle and a file do not keep.
-TRANSIENT = "error", "reason", "_accelerations", "_extend", "_between", "_knots", "_whole", "_reads_z", "_later"
+TRANSIENT = "reason", "_accelerations", "_extend", "_between", "_knots", "_whole", "_reads_z", "_later"
 
 
 @dataclass(repr=False, eq=False)
@@ -93,7 +93,7 @@ class Solution:
     labels : Labels or None
         Names and units of the degrees of freedom, in a run of a problem.
     error : ErrorEstimate or None
-        The estimate of the errors of a run with ``check=True``, or after `check`. Copies and files do not keep it.
+        The estimate of the errors of a run with ``check=True``, or after `check`.
     reason : callable or None
         The function that `explain` calls; None if there is nothing to explain.
     """

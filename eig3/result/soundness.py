@@ -12,6 +12,7 @@ from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..methods import Method
 from .columns import ANY, COLUMNS, DEGREES, Column
+from .error_estimate import ErrorEstimate
 from .labels import Labels
 from .status import Status
 
@@ -31,6 +32,7 @@ def check_run(fields: Mapping[str, Any]) -> None:
         "events": partial(_are_named, lambda x: isinstance(x, Occurrences) and _are_occurrences(x, degrees, z)),
         "_a": lambda x: x is None or (_is_array(x) and x.shape == states + degrees),
         "_a_jumps": lambda x: x is None or (_is_array(x) and x.ndim == 1 + len(degrees) and x.shape[1:] == degrees),
+        "error": lambda x: x is None or (isinstance(x, ErrorEstimate) and _is_estimate(x, fields, states)),
         "_explanation": lambda x: isinstance(x, str),
         "_resume": lambda x: x is None or _is_state(x, fields["steps"] is not None),
     }
@@ -123,6 +125,32 @@ def _are_occurrences(x: Any, degrees: tuple[int, ...], z: Mapping[str, tuple[int
         if not all(_is_array(y) and y.shape == (len(x.t), *z[name]) for name, y in values.items()):
             return False
     return all(_is_array(state) and state.shape == (len(x.t), *degrees) for state in states)
+
+
+def _is_estimate(x: Any, fields: Mapping[str, Any], states: tuple[int, ...]) -> bool:
+    """Whether the errors have the shapes of the values of the run."""
+    if not (_is_array(x.t) and x.t.shape == states and isinstance(x.by, str) and _are_texts(x.notes)):
+        return False
+    if not all(value is None or _is_number(value) for value in (x.order, x.reliable_until, x.coarser)):
+        return False
+    pairs = [(x.u, fields["u"]), (x.v, fields["v"])]
+    for name in ("outputs", "z"):
+        values = getattr(x, name)
+        if not isinstance(values, dict) or not values.keys() <= fields[name].keys():
+            return False
+        pairs += [(value, fields[name][key]) for key, value in values.items()]
+    if not all(_is_array(value) and value.shape == np.shape(own) for value, own in pairs):
+        return False
+    of_names = {
+        "drift": _is_number,
+        "extremes": lambda value: isinstance(value, Extremes) and all(map(_is_number_or_array, value)),
+        "events": lambda value: _is_array(value) and value.ndim == 1,
+    }
+    return all(_are_named(test, getattr(x, name)) for name, test in of_names.items())
+
+
+def _is_number_or_array(x: Any) -> bool:
+    return _is_number(x) or _is_array(x)
 
 
 def _is_state(x: Any, has_steps: bool) -> bool:

@@ -22,6 +22,7 @@ from ..functions.extremes import Extremes
 from ..functions.first_order import NONE, FirstOrder
 from ..methods import METHODS, Method, shown
 from .columns import OF_STATES, ROWS
+from .error_estimate import ErrorEstimate
 from .labels import Labels
 from .mapped import DamagedFileError, MappedRows, check_directory, output_files, read_mapped
 from .status import Status
@@ -32,7 +33,7 @@ _RUN = "run.npz"  # the file with everything but the rows, in a directory of `sa
 _TRIALS, _PAUSE = 5, 0.02  # attempts to read or replace a file that another process uses, and the seconds between them
 _LEAST_PAUSE, _LARGEST_SHARE = 0.1, 0.05  # seconds between two records of a run, and their largest share of its time
 #: The records that a file may have among its values, by name.
-PARTS: dict[str, Any] = {kind.__name__: kind for kind in (Extremes, Labels, Occurrences)}
+PARTS: dict[str, Any] = {kind.__name__: kind for kind in (ErrorEstimate, Extremes, Labels, Occurrences)}
 RUN = "run"  # the kind of a file with one run
 #: Functions that make the object of a file of each kind from its fields.
 KINDS: dict[str, Callable[[dict[str, Any]], Any]] = {}
