@@ -28,9 +28,9 @@ def faster_elsewhere(pilots: Pilots, accuracy: float, method: Method, n_steps: i
         stiff = stiffness(method, pilots.acceleration, states, "the accuracy")
         if stiff:
             return f"{stiff} {_implicit_run(pilots, accuracy)}".rstrip()
-    if rtol is None or accuracy > _HIGH_ACCURACY or pilots.problem.events or pilots.problem.unknowns.is_read:
+    if accuracy > _HIGH_ACCURACY or pilots.problem.events or pilots.problem.unknowns.is_read:
         return ""
-    return _taylor_series(pilots, rtol)
+    return _taylor_series(pilots, rtol or accuracy / 10)
 
 
 def _implicit_run(pilots: Pilots, accuracy: float) -> str:
