@@ -368,6 +368,29 @@ def test_all_calls_say_where_z0_is_given():
             call()
 
 
+@eig3.jit
+def spring_of_z(t, u, v, z, p, a, dz):
+    a[0] = -p[0] * z[0] - p[1] * v[0]
+    dz[0] = v[0]
+
+
+@pytest.mark.parametrize(
+    ("method", "damping", "h", "said"),
+    [
+        ("eig3", 0.0, 0.05, "EIG3(alpha=1.0, beta=0.5) is unstable at every step for this system"),
+        ("ab2", 0.0, 0.05, "AB2() is unstable at every step for this system"),
+        ("rk4", 0.0, 0.05, ""),
+        ("eig3", 0.2, 0.05, ""),
+        ("eig3", 0.002, 0.3, "h = 0.3 is longer than the critical step 0.1581 of EIG3"),
+    ],
+)
+def test_a_run_says_if_it_is_unstable_with_z(method, damping, h, said):
+    """An undamped oscillation grows by (omega h)^4 / 4 in a step: it is stable up to about (omega h)^3 = 2 c / omega."""
+    run = eig3.integrate(spring_of_z, (0, 6), [0.0], [1.0], z0=0.0, params=[1.0, damping], h=h, method=method)
+    notes = [note for note in run.notes if "critical" in note or "unstable" in note]
+    assert [note.startswith(said) for note in notes] == [True] * bool(said)
+
+
 def test_a_run_that_diverges_and_one_that_is_stiff_are_explained():
     problem = eig3.Problem("solid", solid, [1.0], [0.0], [4.0, 30.0, 0.01], (0.0, 30.0), z0=0.2)
     why = problem.integrate(h=0.0105).explain()

@@ -57,7 +57,8 @@ class BoucWen(Link):
     Other codes: ``uniaxialMaterial BoucWen`` of OpenSees with Ao = 1, without degradation, and with
     beta = pinching / yield_length^n and gamma = (1 - pinching) / yield_length^n, where n = sharpness.
 
-    Not included: degradation of strength and stiffness.
+    Not included: degradation of strength and stiffness. EIG-3, AB2 and RK2 need damping beside this link, because its
+    elastic force is a first-order unknown: see `Problem.critical_step`.
     """
 
     stiffness: ArrayLike

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.coarseness import coarseness
+from ..diagnosis.critical import NoStableStepError, critical
 from ..diagnosis.divergence import Divergence, find_blow_up, find_divergence
 from ..functions.checks import check_count, check_resolution, check_time
 from ..functions.guard import guarded
@@ -31,6 +32,7 @@ from .growth import Growth
 from .history import History
 from .progress import check_progress
 
+_MOST_DEGREES = 200  # for which the stability of first-order unknowns is looked at
 _LARGEST_GRADE = 7  # with a higher grade of EIG and a force that reads the velocity, a note advises against it
 
 
@@ -271,8 +273,7 @@ class FixedRun(Run):
         stepper = self.stepper
         notes = self._invariant_notes("take a smaller h, or a method that is stable for this system")
         if self.status is Status.COMPLETED:
-            coarse = self._coarseness()
-            notes += [coarse] if coarse else []
+            notes += filter(None, (self._coarseness(), self._instability()))
         running = stepper.running
         if isinstance(running, EIG) and running.grade > _LARGEST_GRADE and not running.ignores_velocity:
             notes.append(
@@ -289,6 +290,28 @@ class FixedRun(Run):
             return ""
         has_all = self.every == 1 and self.saved is not None
         return coarseness(stepper, self.saved["u"][: stepper.index + 1] if has_all and self.saved else None)
+
+    def _instability(self) -> str:
+        """Describe a step that is unstable at the start of a system with first-order unknowns.
+
+        A spring force that is such an unknown acts as a force of the velocity: with EIG-3, AB2 and RK2, an undamped
+        oscillation then grows slowly with every step.
+        """
+        stepper = self.stepper
+        if not stepper.system.first_order.is_read or stepper.n > _MOST_DEGREES:
+            return ""
+        try:
+            limit = critical(stepper.acceleration, stepper.t0, *stepper.start, stepper.running).limit
+        except NoStableStepError as error:
+            return str(error)
+        except ValueError:  # nothing limits the step
+            return ""
+        if stepper.h <= limit:
+            return ""
+        return (
+            f"h = {stepper.h:.4g} is longer than the critical step {limit:.4g} of {stepper.running!r} at the start: "
+            "take a shorter step, or RK4."
+        )
 
     def _total(self) -> tuple[int, str]:
         return self.n_steps - self.stepper.index, "step"
