@@ -385,7 +385,7 @@ def spring_of_z(t, u, v, z, p, a, dz):
     ],
 )
 def test_a_run_says_if_it_is_unstable_with_z(method, damping, h, said):
-    """An undamped oscillation grows by (omega h)^4 / 4 in a step: it is stable up to about (omega h)^3 = 2 c / omega."""
+    """An undamped oscillation grows by (omega h)^4 / 4 in a step: stable up to about (omega h)^3 = 2 c / omega."""
     run = eig3.integrate(spring_of_z, (0, 6), [0.0], [1.0], z0=0.0, params=[1.0, damping], h=h, method=method)
     notes = [note for note in run.notes if "critical" in note or "unstable" in note]
     assert [note.startswith(said) for note in notes] == [True] * bool(said)
