@@ -288,7 +288,9 @@ class Burgers(Link):
 def test_a_law_of_ones_own_takes_one_class():
     """It is Maxwell's law with another state."""
     options = {"velocity": 0.5, "span": (0, 3)}
-    own = oscillator(LinearSpring(4.0), Burgers(1.5, 0.7), **options).integrate(rtol=1e-10)
+    problem = oscillator(LinearSpring(4.0), Burgers(1.5, 0.7), **options)
+    assert "velocity is read by Burgers" in problem.note  # a state with a rate is a velocity for methods
+    own = problem.integrate(rtol=1e-10)
     known = oscillator(LinearSpring(4.0), Maxwell(1.5, 1.05), **options).integrate(rtol=1e-10)
     np.testing.assert_allclose(own.u[-1], known.u[-1], rtol=0, atol=1e-8)
     np.testing.assert_allclose(own.u[-1] - own.z["burgers"][-1], known.z["maxwell"][-1], rtol=0, atol=1e-8)

@@ -133,8 +133,8 @@ class Effect:
     def reads_velocity(self) -> bool:
         """Return whether the accelerations that the effect causes depend on the velocities."""
         functions = self.functions()
-        acting = [functions[name] for name in (*FORCES, "motion", RATE) if name in functions]
-        return any({"v", "rate"} & set(arguments(function)) for function in acting)
+        acting = [functions[name] for name in (*FORCES, "motion") if name in functions]
+        return RATE in functions or any({"v", "rate"} & set(arguments(function)) for function in acting)
 
     def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
         """Return the parameters that the functions read, for points of a shape.
