@@ -130,8 +130,6 @@ class Problem:
         potentials have it.
     masses : array_like, shape (n,), optional
         The mass of each degree of freedom, for `Langevin`; infinite for a degree of freedom without noise.
-    unknowns : FirstOrder
-        The names and shapes of z0, which are not given.
     """
 
     name: str
@@ -156,7 +154,7 @@ class Problem:
     outputs: Mapping[str, Any] = field(default_factory=dict)
     encounters: Callable | None = None
     masses: ArrayLike | None = None
-    unknowns: FirstOrder = field(default=NONE, init=False, repr=False)
+    unknowns: FirstOrder = field(default=NONE, init=False, repr=False)  # the names and shapes of z0
 
     def __post_init__(self) -> None:
         u0, v0, form = check_state(self.u0, self.v0)
