@@ -191,8 +191,8 @@ def swing(t):
 def catalogue(dimension: int, strength: float) -> Iterator[Effect]:
     """Every effect that a scene of this dimension can have, with its usual strength times `strength`.
 
-    Effects with an event are left out: they would add events to every scene. So are cells, which need more points,
-    contacts with friction and torques, which need bodies that turn, and constraints, which are no forces.
+    Effects with an event or with a state are left out: they would add these to every scene. So are cells, which need
+    more points, contacts with friction and torques, which need bodies that turn, and constraints, which are no forces.
     """
     up = np.eye(dimension)[-1]
     yield Gravity(-9.81 * strength * up)

@@ -108,10 +108,11 @@ def _own(name: str, command: str) -> Any:
         except FileNotFoundError:
             raise refused(name, command, f"there is no file {module}") from None
         except Exception as error:
-            if isinstance(error, ModuleNotFoundError) and error.name and module.startswith(error.name):
+            is_missing = isinstance(error, ModuleNotFoundError)
+            if is_missing and error.name and module.startswith(error.name):  # type: ignore[attr-defined]
                 why = f"there is no module {module} here or among the installed ones"
             else:
-                why = f"the module {module} cannot be imported ({in_words(error)})"
+                why = f"the module {module} cannot be imported ({error if is_missing else in_words(error)})"
             raise refused(name, command, why) from None
     if not hasattr(loaded, attribute):
         near = get_close_matches(attribute, vars(loaded))

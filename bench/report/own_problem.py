@@ -50,7 +50,7 @@ def load(name: str) -> tuple[Problem, str]:
         try:
             found = found()
         except Exception as error:
-            raise refused(name, _COMMAND, f"it fails ({in_words(error)})") from None
+            raise refused(name, _COMMAND, f"{name.rpartition(':')[2]}() fails ({in_words(error)})") from None
     try:
         check(found)
     except (TypeError, ValueError) as error:
