@@ -124,6 +124,25 @@ def in_a_unit(t, u, v, z, p, a, dz):
     dz[0] = p[3] * v[0] - z[0] / p[2]
 
 
+@eig3.jit
+def solid_and_an_idle_unknown(t, u, v, z, p, a, dz):
+    a[0] = -p[0] * u[0] - p[1] * z[0]
+    dz[0], dz[1] = v[0] - z[0] / p[2], 0.0
+
+
+@pytest.mark.parametrize("method", ["rk5", "rk8"])
+def test_a_large_constant_unknown_changes_no_step(method):
+    """Neither it nor its integral is a size of the motion, and its error is 0."""
+    one = run(rtol=1e-6, method=method)
+    z0 = {"stretch": START[2], "idle": 1e6}
+    other = eig3.integrate(
+        solid_and_an_idle_unknown, (0, END), START[:1], START[1:2], z0=z0, params=P, rtol=1e-6, method=method
+    )
+    # The first step comes from a mean over all unknowns.
+    assert abs(other.n_steps - one.n_steps) <= 1
+    np.testing.assert_allclose(other.u[-1], one.u[-1], rtol=0, atol=1e-5)
+
+
 def test_atol_of_z():
     """A row for u, which z does not use, and a row for v; or one number for all."""
     of_all = run(rtol=1e-6, atol=1e-9, method="rk5")
