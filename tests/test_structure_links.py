@@ -116,6 +116,16 @@ def test_a_link_with_an_event_and_without_a_state():
     assert run.z == {}
 
 
+def test_links_of_one_effect_with_other_functions_have_numbers_of_their_own():
+    """A cable with damping has other functions than one without: the first events would be lost under one name."""
+    links = [(Cable(50.0, 0.1), None, 0), (LinearSpring(1.0), 0, 1), (Cable(50.0, 0.1, 0.2), None, 1)]
+    problem = eig3.linear([1.0, 1.0], None, 4 * np.eye(2), links=links, t_span=(0, 5), v0=[1.0, 1.0])
+    run = problem.integrate(rtol=1e-9)
+    assert [*run.events] == ["cable 0", "cable 1"]
+    np.testing.assert_allclose(run.events["cable 0"].u[:, 0], 0.1, rtol=0, atol=1e-7)
+    assert len(run.events["cable 0"]) > 2 < len(run.events["cable 1"])
+
+
 @pytest.mark.parametrize("options", [{"h": 2e-3}, {"rtol": 1e-7}], ids=["h", "rtol"])
 def test_members_with_scaled_records_are_single_runs(options):
     problem = structure()

@@ -143,12 +143,7 @@ class FirstOrder(NamedTuple):
 
     def bind_rhs(self, rhs: Any) -> Any:
         """Return a right-hand side for kernels; one in the form of the kernels is returned unchanged."""
-        if not self.is_read or is_bound(rhs):
-            return rhs
-        known = vars(rhs).setdefault("_eig3_bound", {})
-        if self.size not in known:
-            known[self.size] = self._bound(rhs, reads_z=True)
-        return known[self.size]
+        return self.bind(rhs, 2)
 
     def _bound(self, function: Any, reads_z: bool) -> Any:
         """Return a function of (t, u, v, p, ...) that calls `function`."""

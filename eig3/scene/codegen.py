@@ -131,10 +131,8 @@ class _Functions(Text):
     def __init__(self, assembly: Assembly, source: Source, threads: int | None) -> None:
         super().__init__(assembly, source)
         self._coordinates = assembly.coordinates
-        self._n_states, self._work = (
-            assembly.degrees,
-            assembly.degrees + assembly.n_rates,
-        )  # the index of the degree of freedom whose velocity is the work
+        self._n_states = assembly.degrees
+        self._work = self._n_states + assembly.n_rates  # the index of the degree of freedom whose velocity is the work
         bodies = [MassesText(assembly, source, group) for group in assembly.bodies]
         links = [LinksText(assembly, source, group) for group in assembly.links]
         self._groups: list[GroupText] = [*bodies, *links]

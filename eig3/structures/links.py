@@ -7,7 +7,8 @@ unknowns: the rate of a state that only events change is 0.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,27 +89,37 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
             raise ValueError(f"{said} changes velocities at events, which a structure does not take: use a scene.")
         parts.setdefault(kind, []).append((ends, law.columns(ends[0].shape, 1)))
     values: dict[str, Any] = {"states": 0}
-    for k, (kind, given) in enumerate(parts.items()):
+    titles = [kind.title for kind in parts]
+    kinds = sorted(parts, key=lambda kind: titles.index(kind.title))  # the states of a title are together
+    for k, kind in enumerate(kinds):
+        given = parts[kind]
         ends = np.concatenate([ends for ends, _ in given], axis=1)
         values |= {f"link_{k}_first": ends[0], f"link_{k}_second": ends[1]}
         for name in kind.fields():
             values[f"link_{k}_{name}"] = np.concatenate([columns[name] for _, columns in given])
         values["states"] += ends.shape[1] * kind.has_state
-    return tuple(parts), values
+    return tuple(kinds), values
 
 
 def write(kinds: Sequence[Kind], out: Writer, names: dict[str, Any]) -> None:
     """Write the forces and the rates of the states, and add the functions of the links to `names`."""
+    for k, kind in _loops(kinds, out, names):
+        for end, sign in (("i", "+="), ("j", "-=")):
+            with out.block(f"if {end} >= 0"):
+                out.line(f"a[{end}] {sign} pull")
+        if kind.has_state:
+            out.line(f"a[place + s] = {_call(k, kind, RATE) if RATE in kind.names else '0.0'}")
+
+
+def _loops(kinds: Sequence[Kind], out: Writer, names: dict[str, Any]) -> Iterator[tuple[int, Kind]]:
+    """Write a loop over the links of each kind, with the pull of a link; yield within each loop."""
     out.line("place = n")
     for k, kind in enumerate(kinds):
         with out.block(f"for s in range(p.link_{k}_first.size)"):
             _write_one(k, kind, out, names)
-            out.line(_pull(k, kind))
-            for end, sign in (("i", "+="), ("j", "-=")):
-                with out.block(f"if {end} >= 0"):
-                    out.line(f"a[{end}] {sign} pull")
-            if kind.has_state:
-                out.line(f"a[place + s] = {_call(k, kind, RATE) if RATE in kind.names else '0.0'}")
+            pulls = [_call(k, kind, name) + " * r" * (name == "force_density") for name in _PULLS if name in kind.names]
+            out.line(f"pull = {' + '.join(pulls)}")
+            yield k, kind
         out.line(*[f"place += p.link_{k}_first.size"] * kind.has_state)
 
 
@@ -130,14 +141,10 @@ def _of_all(kinds: tuple[Kind, ...], head: str, each: str, end: str) -> Any:
     names: dict[str, Any] = {"__name__": __name__}
     out = Writer()
     with out.block(f"def {head}"):
-        out.line("n, row, total = p.size, 0, 0.0", "place = n")
-        for k, kind in enumerate(kinds):
-            with out.block(f"for s in range(p.link_{k}_first.size)"):
-                _write_one(k, kind, out, names)
-                out.line(_pull(k, kind))
-                out.insert(each)
-                out.line("row += 1")
-            out.line(*[f"place += p.link_{k}_first.size"] * kind.has_state)
+        out.line("n, row, total = p.size, 0, 0.0")
+        for _ in _loops(kinds, out, names):
+            out.insert(each)
+            out.line("row += 1")
         out.insert(end)
     return marked(jit(define(str(out), "links", names)[head.partition("(")[0]]), kinds)
 
@@ -152,21 +159,26 @@ def marked(function: Any, kinds: Sequence[Kind]) -> Any:
 def events_of(kinds: Sequence[Kind], values: dict[str, Any], layout: Layout) -> dict[str, Event]:
     """Return the events of the links, by names such as "elastic plastic 0"."""
     found: dict[str, Event] = {}
-    before = ""
+    before, counts = "", Counter[str]()
     for k, kind in enumerate(kinds):
         count = len(values[f"link_{k}_first"])
         if "event" in kind.names:
             g, apply = (Family(layout.bind(function, 4), count).members for function in _of_events(k, kind, before))
             changes = "state_after" in kind.names
             for s in range(count):
-                found[f"{kind.title} {s}"] = Event(g[s], kind.crossing, apply=apply[s] if changes else None)
+                name = f"{kind.title} {counts[kind.title] + s}"
+                found[name] = Event(g[s], kind.crossing, apply=apply[s] if changes else None)
+            counts[kind.title] += count
         before += f" + p.link_{k}_first.size" * kind.has_state
     return found
 
 
 def states_of(kinds: Sequence[Kind], values: dict[str, Any]) -> dict[str, Any]:
     """Return the states at the start, by name."""
-    counts = {kind.title: len(values[f"link_{k}_first"]) for k, kind in enumerate(kinds) if kind.has_state}
+    counts = Counter[str]()
+    for k, kind in enumerate(kinds):
+        if kind.has_state:
+            counts[kind.title] += len(values[f"link_{k}_first"])
     return {title: 0.0 if count == 1 else np.zeros(count) for title, count in counts.items()}
 
 
@@ -180,7 +192,7 @@ def _of_events(k: int, kind: Kind, before: str) -> list[Any]:
             if head in kind.names:
                 _write_one(k, kind, out, names)
                 out.line(result.format(_call(k, kind, head)))
-    defined = define(str(out) or "", "links", names)
+    defined = define(str(out), "links", names)
     return [jit(defined[f"{head}_of"]) for head in ("event", "state_after")]
 
 
@@ -192,11 +204,6 @@ def _write_one(k: int, kind: Kind, out: Writer, names: dict[str, Any]) -> None:
         with out.block(f"if {end} >= 0"):
             out.line(f"r {sign} u[{end}]", f"rate {sign} v[{end}]")
     out.line(*["state = v[place + s]"] * kind.has_state)
-
-
-def _pull(k: int, kind: Kind) -> str:
-    pulls = [_call(k, kind, name) + " * r" * (name == "force_density") for name in _PULLS if name in kind.names]
-    return f"pull = {' + '.join(pulls)}"
 
 
 def _call(k: int, kind: Kind, name: str) -> str:
