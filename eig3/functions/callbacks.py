@@ -20,6 +20,7 @@ from ..kernels.compile.captured import Captured, helpers_first
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.jit import OPTIONS, compiled
 from ..kernels.compile.numba_internals import (
+    WITHOUT_RUNTIME,
     Jitted,
     address_of,
     call_without_checks,
@@ -68,6 +69,11 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     is_kept = options.pop("cache", True)
     jitted = numba.njit(**options)(function)
     return keep_on_disk(jitted) if is_kept else jitted
+
+
+def without_runtime(function: Callable) -> Any:
+    """Compile a function of the library that allocates no memory: it needs no reference counting, and is inlined."""
+    return jit(function, forceinline=True, **WITHOUT_RUNTIME)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
+import math
 from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
@@ -18,7 +19,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..kernels.compile.numba_internals import Jitted
+from ..kernels.compile.numba_internals import Jitted, part_of_array
 from ..kernels.compile.source import define
 from .callbacks import PLACE_OF_P, attributes_of, jit
 from .events import Event
@@ -54,6 +55,20 @@ class Kind(NamedTuple):
             return "sparse" if self == SPARSE else "blocks"
         return f"{'whole' if self.is_whole else 'real'}{self.ndim or ''}"
 
+
+def _part(dtype: Any) -> Any:
+    """Return the function of Python for `part_of_array`."""
+
+    def part(p: np.ndarray, begin: int, sizes: tuple[int, ...]) -> np.ndarray:
+        numbers = p[begin:].view(dtype)[: math.prod(sizes)]
+        return numbers if len(sizes) == 1 else numbers.reshape(sizes)
+
+    return part
+
+
+_PARTS = {"real_part": "float64", "whole_part": "int64", "index_part": "int32"}
+_COMPILED = {name: part_of_array(dtype) for name, dtype in _PARTS.items()}
+_IN_PYTHON = {name: _part(dtype) for name, dtype in _PARTS.items()}
 
 MOST_AXES = 2
 SPARSE, BLOCKS = (Kind(is_whole=False, ndim=ndim) for ndim in (-1, -2))
@@ -134,7 +149,7 @@ class Layout:
     def read(self, p: np.ndarray) -> Any:
         """Return the parameters in an array p of the kernels as a named tuple, as functions get them."""
         text = "\n    ".join(["def read(p):", *self._views("p"), f"return {self._tuple}", ""])
-        return define(text, "named", self._names)["read"](p)
+        return define(text, "named", self._names | _IN_PYTHON)["read"](p)
 
     def bind(self, function: Any, place: int = PLACE_OF_P) -> Any:
         """Return a jitted function of the array p that calls `function` with the named parameters.
@@ -184,7 +199,7 @@ class Layout:
         lines = [f"def {function.__name__}({', '.join(arguments)}):", *self._views(p)]
         given = [*arguments[:place], self._tuple, *arguments[place + 1 :]]
         text = "\n    ".join([*lines, f"return inner_function({', '.join(given)})", ""])
-        names = {**self._names, "inner_function": function, "__name__": function.py_func.__module__}
+        names = {**self._names, **_COMPILED, "inner_function": function, "__name__": function.py_func.__module__}
         defined = define(text, "named", names)[function.__name__]
         defined.__wrapped__ = function.py_func  # checks and errors then show the arguments of the user
         defined.inner, defined.layout = function, self  # these are pickled with the Python function
@@ -198,7 +213,7 @@ class Layout:
     @property
     def _names(self) -> dict[str, Any]:
         """The globals of the lines that read each parameter from p."""
-        return {"np": np, "Named": _tuple_of(self.names), "Sparse": Sparse}
+        return {"Named": _tuple_of(self.names), "Sparse": Sparse}
 
     def _views(self, p: str) -> list[str]:
         """Return the lines that read each parameter from p as value_k: its sizes, and its place."""
@@ -222,16 +237,15 @@ class Layout:
         if kind.ndim == 0:
             return [f"value_{k} = {f'int({p}[begin_{k}])' if kind.is_whole else f'{p}[begin_{k}]'}"]
         if kind.ndim < 0:
-            shape = f".reshape((size_{k}_2, size_{k}_3, size_{k}_3))" if kind == BLOCKS else ""
+            sizes = f"size_{k}_2, size_{k}_3, size_{k}_3" if kind == BLOCKS else f"size_{k}_2,"
             parts = (
-                f"{p}[begin_{k}:indices_{k}]{shape}",
-                f"{p}[indices_{k}:indptr_{k}].view(np.int32)[:size_{k}_2]",
-                f"{p}[indptr_{k}:begin_{k + 1}].view(np.int64)",
+                f"real_part({p}, begin_{k}, ({sizes}))",
+                f"index_part({p}, indices_{k}, (size_{k}_2,))",
+                f"whole_part({p}, indptr_{k}, (begin_{k + 1} - indptr_{k},))",
             )
             return [f"value_{k} = Sparse({', '.join(parts)}, (size_{k}_0, size_{k}_1))"]
-        value = f"{p}[begin_{k}:begin_{k + 1}]" + ".view(np.int64)" * kind.is_whole
-        shape = ", ".join(f"size_{k}_{i}" for i in range(kind.ndim))
-        return [f"value_{k} = {value}" + (f".reshape(({shape}))" if kind.ndim > 1 else "")]
+        sizes = "".join(f"size_{k}_{i}, " for i in range(kind.ndim))
+        return [f"value_{k} = {'whole' if kind.is_whole else 'real'}_part({p}, begin_{k}, ({sizes}))"]
 
 
 # The references are weak, to free the memory of functions that are no longer used.

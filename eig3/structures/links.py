@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..functions.callbacks import jit
+from ..functions.callbacks import without_runtime
 from ..functions.checks import shown
 from ..functions.events import Event
 from ..functions.families import Family
@@ -146,7 +146,7 @@ def _of_all(kinds: tuple[Kind, ...], head: str, each: str, end: str) -> Any:
             out.insert(each)
             out.line("row += 1")
         out.insert(end)
-    return marked(jit(define(str(out), "links", names)[head.partition("(")[0]]), kinds)
+    return marked(without_runtime(define(str(out), "links", names)[head.partition("(")[0]]), kinds)
 
 
 def marked(function: Any, kinds: Sequence[Kind]) -> Any:
@@ -193,7 +193,7 @@ def _of_events(k: int, kind: Kind, before: str) -> list[Any]:
                 _write_one(k, kind, out, names)
                 out.line(result.format(_call(k, kind, head)))
     defined = define(str(out), "links", names)
-    return [jit(defined[f"{head}_of"]) for head in ("event", "state_after")]
+    return [without_runtime(defined[f"{head}_of"]) for head in ("event", "state_after")]
 
 
 def _write_one(k: int, kind: Kind, out: Writer, names: dict[str, Any]) -> None:

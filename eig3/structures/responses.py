@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
 from ..ensembles.solution import EnsembleSolution
-from ..functions.callbacks import jit
+from ..functions.callbacks import without_runtime
 from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
+from ..kernels.compile.numba_internals import flat
 from ..problem import Problem
 from . import links
 from .products import product
@@ -41,9 +42,9 @@ def base_shear(problem: Problem) -> Any:
     p, kinds = _params(problem, "K", "ground"), links_of(problem)
     rows, edge, of_links = product(p.K.edge, False), p.K.edge, links.shear(kinds)
 
-    @jit
+    @without_runtime
     def shear(t, u, v, p):  # type: ignore[no-untyped-def]
-        data, total = p.K.data.reshape(-1), 0.0
+        data, total = flat(p.K.data), 0.0
         for row in range(p.size // edge):
             forces = rows(data, p.K.indices, p.K.indptr, row, u)
             for k in range(edge):
@@ -105,7 +106,7 @@ def storey_drifts(problem: Problem, floors: Sequence[int | str]) -> tuple[Any, i
     if not places:
         raise ValueError("floors must name at least one degree of freedom.")
 
-    @jit
+    @without_runtime
     def drifts(t, u, v, p, out):  # type: ignore[no-untyped-def]
         below = 0.0
         for k in range(len(places)):

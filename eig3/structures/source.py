@@ -14,8 +14,9 @@ from typing import Any
 import numba
 
 from ..effects.sampled_motion import interval
-from ..functions.callbacks import jit
+from ..functions.callbacks import jit, without_runtime
 from ..kernels.compile.jit import element
+from ..kernels.compile.numba_internals import flat
 from ..kernels.compile.source import Writer, define
 from . import links
 from .factors import solution
@@ -127,6 +128,7 @@ def right_hand_side(parts: Parts, force: Any) -> Any:
         "__name__": __name__,
         "prange": numba.prange,
         "weight": weight,
+        "flat": flat,
         "force": force,
         "stiff": product(edge, "rayleigh" in has),
         "product": product(edge, False),
@@ -134,7 +136,9 @@ def right_hand_side(parts: Parts, force: Any) -> Any:
         "solution": solution(parts.copies),
         **of_links,
     }
-    rhs = jit(define(str(out), "structure", names)["rhs"], parallel=parts.threads > 1)
+    written = define(str(out), "structure", names)["rhs"]
+    is_plain = parts.threads == 1 and force is None  # a function of the user may need the runtime
+    rhs = without_runtime(written) if is_plain else jit(written, parallel=parts.threads > 1)
     rhs.py_func.links = parts.links  # for outputs; this is pickled with the Python function
     return links.marked(rhs, parts.links)
 
@@ -157,8 +161,8 @@ def energy(parts: Parts) -> Any:
             with out.block(f"if v.size > {parts.end}"):
                 out.line(f"energy -= v[{parts.end}]")
         out.line("return energy")
-    names = {"__name__": __name__, "product": product(parts.edge, False), "of_mass": product(1, False)}
-    return links.marked(jit(define(str(out), "structure", names)["energy"]), parts.links)
+    names = {"__name__": __name__, "flat": flat, "product": product(parts.edge, False), "of_mass": product(1, False)}
+    return links.marked(without_runtime(define(str(out), "structure", names)["energy"]), parts.links)
 
 
 def _row(parts: Parts) -> list[str]:
@@ -224,4 +228,4 @@ def _at(edge: int, k: int) -> str:
 
 def _arrays(name: str) -> str:
     """Return the line that unpacks the arrays of a matrix, because a parallel loop cannot read tuples of tuples."""
-    return f"{name}_data, {name}_indices, {name}_indptr = p.{name}.data.reshape(-1), p.{name}.indices, p.{name}.indptr"
+    return f"{name}_data, {name}_indices, {name}_indptr = flat(p.{name}.data), p.{name}.indices, p.{name}.indptr"

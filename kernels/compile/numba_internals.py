@@ -47,6 +47,7 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.core.untyped_passes import InlineInlinables
 from numba.extending import (
     infer_getattr,
+    intrinsic,
     lower_builtin,
     lower_cast,
     lower_getattr_generic,
@@ -411,6 +412,55 @@ def array_over(context: Any, builder: Any, kind: Any, data: Any, n: Any, stride:
     itemsize = context.get_constant(numba.types.intp, kind.dtype.bitwidth // 8)
     arrayobj.populate_array(array, data=data, shape=[n], strides=[stride], itemsize=itemsize, meminfo=None)
     return array._getvalue()
+
+
+def part_of_array(name: str) -> Any:
+    """Return a compiled ``part(array, begin, sizes)``: numbers in a 1-D array of floats, from an index on.
+
+    They are read as numbers of the type of this name. References are not counted: with views of Numba, the counting
+    takes longer than most right-hand sides.
+    """
+    dtype, size_type = getattr(numba.types, name), numba.types.intp
+
+    def part(typingctx, array, begin, sizes):  # type: ignore[no-untyped-def]
+        if dtype.bitwidth < 64 and array.layout != "C":
+            raise numba.TypingError("lanes read a sparse matrix only from parameters that all members share")
+        kind = numba.types.Array(dtype, len(sizes), array.layout, readonly=not array.mutable)
+
+        def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            source, itemsize = (
+                parts_of(context, builder, signature.args[0], args[0]),
+                context.get_constant(size_type, dtype.bitwidth // 8),
+            )
+            shape = entries_of(builder, args[2], len(sizes))
+            strides = [itemsize if dtype.bitwidth < 64 else source.strides[0]]
+            for size in reversed(shape[1:]):
+                strides.insert(0, builder.mul(strides[0], size))
+            begins = builder.add(
+                builder.ptrtoint(source.data, strides[0].type), builder.mul(args[1], source.strides[0])
+            )
+            array_of = arrayobj.make_array(kind)(context, builder)
+            data = builder.inttoptr(begins, array_of.data.type)
+            arrayobj.populate_array(array_of, data, shape, strides, itemsize, meminfo=None)
+            return array_of._getvalue()
+
+        return kind(array, size_type, numba.types.UniTuple(size_type, len(sizes))), codegen
+
+    part.content = f"part {name}"  # type: ignore[attr-defined]
+    return intrinsic(part)
+
+
+@intrinsic
+def flat(typingctx, array):  # type: ignore[no-untyped-def]
+    """``flat(array)``: the numbers of a contiguous array in one row, without the call of `reshape`."""
+    kind = numba.types.Array(array.dtype, 1, "C", readonly=not array.mutable)
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        source = parts_of(context, builder, signature.args[0], args[0])
+        itemsize = context.get_constant(numba.types.intp, array.dtype.bitwidth // 8)
+        return array_over(context, builder, kind, source.data, functools.reduce(builder.mul, source.shape), itemsize)
+
+    return kind(array), codegen
 
 
 def floats_on_stack(builder: Any, n: int) -> Any:
