@@ -176,6 +176,10 @@ def time_of_own_step(t, p, lane):
     return BEGINS(p, 0)[lane] + t * STEPS(p, 0)[lane]
 
 
+def both(p, lane):
+    return SHARED(p, lane), OWN(p, lane)
+
+
 @element
 def time_of_shared_step(t, p, lane):
     return t
@@ -250,10 +254,10 @@ class Layout:
         Number of degrees of freedom of a trajectory.
     lanes : int
         Number of trajectories in a block.
-    k : int
-        Number of parameters.
-    shares_params : bool
-        Whether the array p begins with one set of parameters for all trajectories, and not with k rows of lanes.
+    shared : int
+        Number of parameters of all trajectories, with which the array p begins.
+    own : int
+        Number of parameters of each trajectory, which are rows of lanes. With both, the functions get p as a pair.
     has_own_step : bool
         Whether p continues with the rows h and t0, and n rows of scratch.
     has_own_times : bool
@@ -263,8 +267,8 @@ class Layout:
     form: Form
     n: int
     lanes: int
-    k: int
-    shares_params: bool
+    shared: int
+    own: int
     has_own_step: bool
     has_own_times: bool = False
 
@@ -276,17 +280,25 @@ class Layout:
     @property
     def params_size(self) -> int:
         """Number of values of the parameters of rhs in p."""
-        return self.k if self.shares_params else self.k * self.lanes
+        return self.shared + self.own * self.lanes
 
     @property
     def begin_of_steps(self) -> int:
         """Index of the rows h and t0 in p. Before them are guard values, which rhs must not read."""
-        return self.params_size + (_GUARD_VALUES if self.shares_params else _GUARD_ROWS * self.lanes)
+        return self.params_size + (_GUARD_ROWS * self.lanes if self.own else _GUARD_VALUES)
 
     @property
     def size(self) -> int:
         """Number of values of p."""
         return self.begin_of_steps + self.has_own_step * (OWN_STEP_ROWS + self.n) * self.lanes
+
+    @property
+    def _params(self) -> Any:
+        """A compiled function of p and the lane for the parameters of a trajectory."""
+        shared, own = _shared(self.shared), view(self.own, self.lanes, self.shared, readonly=True)
+        if self.shared and self.own:
+            return element(bound(both, {"SHARED": shared, "OWN": own}))
+        return own if self.own else shared
 
     def names(self) -> dict[str, Any]:
         """Return the values of the names in capitals in the templates, except FUNCTION."""
@@ -298,7 +310,7 @@ class Layout:
             "GIVEN": given,
             "WRITTEN": view(n, lanes),
             "STATE": _value if self.form is SCALAR else given,
-            "PARAMS": _shared(self.k) if self.shares_params else view(self.k, lanes, readonly=True),
+            "PARAMS": self._params,
             "STEPS": _shared(lanes, own),
             "BEGINS": _shared(lanes, own + lanes),
             "VELOCITIES": _shared(n * lanes, own + OWN_STEP_ROWS * lanes, readonly=False),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
+from ..kernels.elementary import exp, log
 from ..scene.effect import Link
 
 
@@ -18,8 +19,8 @@ def tension_of_both(r, state, stiffness, rest_length, hardening):
 
 @element
 def rate_of_stretch(rate, state, yield_length, sharpness, pinching):
-    share = abs(state / yield_length) ** sharpness
-    return rate * (1 - share * (1 - pinching + pinching * np.sign(rate * state)))
+    share = exp(sharpness * log(abs(state / yield_length)))  # a power would call the C library
+    return rate * (1 - share * (1 - pinching + (pinching if rate * state > 0 else -pinching)))
 
 
 @dataclass(frozen=True, eq=False)

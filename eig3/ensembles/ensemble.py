@@ -31,7 +31,7 @@ from .checked import check_members_repeatable, errors_of_members
 from .files import Directory
 from .in_process import Run, at_start
 from .members import Members, check_members
-from .named_members import split, with_lengths
+from .named_members import OfMembers, split, with_lengths
 from .parts import Joined, Listed, Recipe, Results, parts_of
 from .shipping import check_executor, check_reduce, march_parts
 from .solution import EnsembleSolution, Reduce
@@ -156,11 +156,12 @@ def ensemble(
         first_order, z = check_z0(rhs, z0, of_members=True)
         (u0, v0), rhs = first_order.start(u0, v0, z), first_order.bind_rhs(rhs)
     named_params = params
-    if has_names(params):
+    if not isinstance(params, OfMembers) and has_names(params):
         params, one = split(rhs, params, check_span(t_span)[0], u0, v0, 0.0 if h is None else h)
         rhs = one.layout.bind(rhs)
     _refuse_parallel(rhs)
-    members = check_members(rhs, t_span, u0, v0, params, h)
+    flat, own_names = params if isinstance(params, OfMembers) else (params, ())
+    members = check_members(rhs, t_span, u0, v0, flat, h, own_names)
     try:
         options = run_options(
             bound_layout(rhs),  # the function of a problem is already bound

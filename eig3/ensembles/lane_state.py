@@ -15,6 +15,7 @@ from ..stepping.slices import Slices
 from .lane_observer import LaneObserver
 from .lanewise import Setup
 from .members import Members
+from .named_lanes import NamedLanes
 
 _GUARD_ROWS = 4  # of NaN on each side of u, v and a in the first evaluation
 _NONE = np.empty((0, 0))
@@ -59,7 +60,7 @@ class LaneState:
         self._set_numbers(everyone.first + members)
         self._counters[PART_END], self._counters[DUE] = NEVER, 1
         self._counters[SPACING] = spacing_of(shared.histories.options.functions.invariants_every)
-        self._p = self._params(layout, everyone, members)
+        self._p = self._params(layout, everyone, members, shared.named)
         u, v = (np.ascontiguousarray(x[members].T) for x in (everyone.u0, everyone.v0))
         v *= self._unit
         a = self._first_evaluation(u, v)
@@ -80,14 +81,18 @@ class LaneState:
         self._numbers = numbers
         self._settings = np.array(self._method.settings_of(numbers.tolist()), dtype=np.float64)
 
-    def _params(self, layout: Layout, everyone: Members, members: np.ndarray) -> np.ndarray:
+    def _params(self, layout: Layout, everyone: Members, members: np.ndarray, named: NamedLanes | None) -> np.ndarray:
         """Return the array p of the kernel."""
         p = aligned((layout.size,))
         p[:] = np.nan  # rhs gets NaN if it reads beyond the parameters
-        p[: layout.params_size] = everyone.params if layout.shares_params else everyone.params[members].T.ravel()
+        if layout.shared:
+            p[: layout.shared] = everyone.params[0] if everyone.has_own_params else everyone.params
+        if layout.own:
+            own = everyone.params[members] if named is None else everyone.params[np.ix_(members, named.columns)]
+            p[layout.shared : layout.params_size] = own.T.ravel()
         if layout.has_own_step:
-            own = p[layout.begin_of_steps :].reshape(-1, layout.lanes)
-            own[0], own[1] = self.h, self.t0
+            steps = p[layout.begin_of_steps :].reshape(-1, layout.lanes)
+            steps[0], steps[1] = self.h, self.t0
         return p
 
     def _first_evaluation(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -212,7 +217,7 @@ class LaneState:
         self._rows[:, :, lanes] = self._rows[:, :, model, None]
         self.h[lanes] = self.h[model]
         layout = self.layout
-        p = self._p[layout.begin_of_steps if layout.shares_params else 0 :].reshape(-1, layout.lanes)
+        p = self._p[layout.shared if layout.own else layout.begin_of_steps :].reshape(-1, layout.lanes)
         p[:, lanes] = p[:, model, None]
         self._set_numbers(np.where(lanes, self._numbers[model], self._numbers))
 

@@ -23,6 +23,7 @@ from ..run.prepare import Prepared
 from ..stepping.run_options import RunOptions
 from .histories import Histories
 from .members import Members
+from .named_lanes import NamedLanes
 from .single_members import Singles
 
 FEWEST_MEMBERS = 16  # with tolerances; lanes do not pay for fewer members
@@ -50,6 +51,7 @@ _OTHER_CONSTRAINTS = (
     "params come from scenes whose constraints join different points than in this problem; make a problem of each "
     "scene."
 )
+_EVENTS_OF_LINKS = "lanes with fixed steps do not locate the events at which links of a structure turn."
 _SPARSE = (
     "params have a sparse matrix and differ between members; lanes read a sparse matrix only from params that all "
     "members share."
@@ -88,6 +90,8 @@ class Setup:
     method : Method
         The method of the steps.
     layout : Layout
+    named : NamedLanes or None
+        The parameters, if the functions are written line by line.
     prepared : Prepared
         The single run of a member.
     histories : Histories
@@ -110,6 +114,7 @@ class Setup:
 
     method: Method
     layout: Layout
+    named: NamedLanes | None
     prepared: Prepared
     histories: Histories
     single: Singles
@@ -135,16 +140,21 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
         A note for the user, or an empty string.
     """
     members, options, method = histories.members, histories.options, histories.options.method
-    unrolled, obstacle = _unrolled_of(rhs, members)
+    of_params = bound_layout(rhs)
+    named = NamedLanes.of(rhs, of_params, members) if of_params and not options.has_tolerances else None
+    unrolled, obstacle = _unrolled_of(rhs, of_params, members) if named is None else (None, "")
     invariants, outputs = options.functions.quantities(members.form)
     followed = {**invariants, **outputs}
     if options.has_tolerances:
-        layout = _layout(members, ADAPTIVE_LANES, True) if _pays(members, unrolled) else None
+        layout = _layout(members, ADAPTIVE_LANES, has_own_times=True) if _pays(members, unrolled) else None
     else:
         method = method.for_force(callback.reads_velocity, members.n)
         method = method.with_constraints() if unrolled else method
         rows = len(options.events) + sum(_ROWS_FOLLOWED * quantity.width for quantity in followed.values())
-        layout = layout_of(members, method, rows + (unrolled.room + members.n if unrolled else 0), threads)
+        more = unrolled.room + members.n if unrolled else 0
+        layout = layout_of(members, method, rows + more, threads, named)
+        if named and any(hasattr(event.g, "callback") for event in options.events.values()):
+            obstacle = _EVENTS_OF_LINKS
         obstacle = _AT_TIMES if options.t_eval is not None else obstacle
     if obstacle and (layout or not options.has_tolerances):
         return None, f"The members run one at a time, because {obstacle}"
@@ -152,14 +162,14 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
         return None, ""
     prepared = single.prepared(0)
     try:
-        functions = _compiled(rhs, callback, layout, method, options, unrolled, followed)
+        functions = _compiled(rhs, callback, layout, method, options, unrolled, followed, named)
     except Exception as error:
         return None, (
             f"The members run one at a time, because a function does not compile for lanes: {gist(error)}; write "
             "loops over single values, without array expressions and without functions of whole arrays."
         )
     note = f"rhs is not vectorised: {functions['rhs'].obstacle}." if functions["rhs"].obstacle else ""
-    return Setup(method, layout, prepared, histories, single, **functions), note
+    return Setup(method, layout, named, prepared, histories, single, **functions), note
 
 
 def _compiled(
@@ -170,6 +180,7 @@ def _compiled(
     options: RunOptions,
     unrolled: UnrolledConstraints | None,
     followed: dict[str, Quantity],
+    named: NamedLanes | None,
 ) -> dict[str, Any]:
     """Compile the functions of a `Setup`."""
     is_adaptive, events = layout.has_own_times, options.events.values()
@@ -177,20 +188,21 @@ def _compiled(
     only_ends = only_ends and all(event.terminal and event.apply is None for event in events)
     has_constrained_step = bool(method.second) and not is_adaptive
     given, keeping = (rhs, callback, layout), None
+    of = named and named.function
     if unrolled:
         in_blocks = _lanes_of(*given, compile_constrained, of=unrolled)
         keeping = _lanes_of(*given, compile_keeping, has_constrained_step, of=unrolled)
     else:
-        in_blocks = _lanes_of(*given, compile_rhs)
+        in_blocks = _lanes_of(*given, compile_rhs, of=of and of(rhs))
     quantities = {}
     for name, quantity in ({} if is_adaptive else followed).items():
         mine = quantity.function, quantity.callback, layout
-        quantities[name] = quantity, _lanes_of(*mine, compile_quantity, quantity.shape)
+        quantities[name] = quantity, _lanes_of(*mine, compile_quantity, quantity.shape, of=of and of(quantity.function))
     looks = []
     for name, event in options.events.items():
         g = Quantity(f"events[{name!r}].g", event.g, form=layout.form)
         looking = (compile_event,) if is_adaptive else (compile_watched, int(event.direction), only_ends)
-        looks.append(_lanes_of(g.function, g.callback, layout, *looking))
+        looks.append(_lanes_of(g.function, g.callback, layout, *looking, of=of and of(g.function)))
     constrained_step, project = (keeping, None) if has_constrained_step else (None, keeping)
     observes = bool(looks or followed) or options.t_eval is not None or options.save_every is not None
     if is_adaptive:
@@ -202,9 +214,8 @@ def _compiled(
     return {**functions, "quantities": quantities, "events": looks, "observes": observes, "stops": stops}
 
 
-def _unrolled_of(rhs: Any, members: Members) -> tuple[UnrolledConstraints | None, str]:
+def _unrolled_of(rhs: Any, layout: Any, members: Members) -> tuple[UnrolledConstraints | None, str]:
     """Return the constraints of a scene for lanes, if any, or the reason why the members run one at a time."""
-    layout = bound_layout(rhs)
     if layout and members.has_own_params and members.n <= MOST_DEGREES and any(kind.ndim < 0 for kind in layout.kinds):
         return None, _SPARSE
     constraints = constraints_of(rhs)
@@ -223,7 +234,9 @@ def _pays(members: Members, unrolled: UnrolledConstraints | None) -> bool:
     return members.n <= _MOST_ADAPTIVE and not has_many and len(members) >= FEWEST_MEMBERS
 
 
-def layout_of(members: Members, method: Method, more_rows: int, threads: int) -> Layout | None:
+def layout_of(
+    members: Members, method: Method, more_rows: int, threads: int, named: NamedLanes | None = None
+) -> Layout | None:
     """Return the arrays of a block with fixed steps; None if the members should run one at a time.
 
     The functions of each step read or write `more_rows` rows.
@@ -240,12 +253,15 @@ def layout_of(members: Members, method: Method, more_rows: int, threads: int) ->
         lanes //= 2
     while lanes > _FEWEST_LANES and lanes >= 2 * len(members):  # a lane without a member takes the same time
         lanes //= 2
-    return _layout(members, lanes)
+    return _layout(members, lanes, named)
 
 
-def _layout(members: Members, lanes: int, has_own_times: bool = False) -> Layout:
-    k, shares_params = members.params.shape[-1], not members.has_own_params
-    return Layout(members.form, members.n, lanes, k, shares_params, members.has_own_step, has_own_times)
+def _layout(members: Members, lanes: int, named: NamedLanes | None = None, *, has_own_times: bool = False) -> Layout:
+    k = members.params.shape[-1]
+    shared, own = (0, k) if members.has_own_params else (k, 0)
+    if named and own:
+        shared, own = k, named.columns.size
+    return Layout(members.form, members.n, lanes, shared, own, members.has_own_step, has_own_times)
 
 
 def _lanes_of(
@@ -255,7 +271,7 @@ def _lanes_of(
 
     By default, `of` is the plain Python function of a checked function.
     """
-    known, key = _known.setdefault(function, {}), (compile_it, layout, how)
+    known, key = _known.setdefault(function, {}), (compile_it, layout, how, of if callable(of) else None)
     if key not in known or known[key][0] is not callback.compiled:  # the user may have recompiled the function
         own = getattr(getattr(function, "py_func", None), "in_lanes", None)  # the reactions of a scene
         python = of or (own.py_func if own else callback.function)

@@ -36,6 +36,8 @@ class Members:
         Number of steps; 0 with tolerances.
     first : int
         The number of the first member in the whole ensemble.
+    own : tuple of str
+        The names of the parameters that each member has of its own; empty if they are not known.
     """
 
     form: Form
@@ -46,6 +48,7 @@ class Members:
     h: Any
     n_steps: np.ndarray
     first: int = 0
+    own: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.u0)
@@ -113,7 +116,13 @@ class Members:
 
 
 def check_members(
-    rhs: Any, t_span: Sequence[float], u0: ArrayLike, v0: ArrayLike, params: ArrayLike, h: ArrayLike | None
+    rhs: Any,
+    t_span: Sequence[float],
+    u0: ArrayLike,
+    v0: ArrayLike,
+    params: ArrayLike,
+    h: ArrayLike | None,
+    own: tuple[str, ...] = (),
 ) -> Members:
     """Broadcast the arguments of `ensemble` over its members; h is None with tolerances.
 
@@ -143,7 +152,7 @@ def check_members(
     u, v = (np.broadcast_to(x[..., None] if form is SCALAR else x, (m, n)) for x in (arrays["u0"], arrays["v0"]))
     p = _of_all(arrays["params"], 1, m)
     steps, n_steps = (math.nan, 0) if h is None else _divided(_of_all(arrays["h"], 0, m), t0, t1)
-    return Members(form, (t0, t1), u, v, p, steps, np.broadcast_to(n_steps, m))
+    return Members(form, (t0, t1), u, v, p, steps, np.broadcast_to(n_steps, m), own=own)
 
 
 def _count(given: dict[str, tuple[np.ndarray, int]], form: Form) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakSet
 
 import numpy as np
@@ -21,8 +21,23 @@ from ..kernels.protocol import SCALAR, Form
 _refused: WeakSet[Any] = WeakSet()
 
 
-def of_members(changes: Any, base: Parameters) -> np.ndarray:
-    """Return the array p of each member, shape (m, k), or of all members, shape (1, k).
+class OfMembers(NamedTuple):
+    """Named parameters of members.
+
+    Attributes
+    ----------
+    flat : ndarray, shape (m, k) or (1, k)
+        The array p of each member, or of all members.
+    own : tuple of str
+        The names of the parameters that each member has of its own; empty if they are not known.
+    """
+
+    flat: np.ndarray
+    own: tuple[str, ...] = ()
+
+
+def of_members(changes: Any, base: Parameters) -> OfMembers:
+    """Return the parameters of members.
 
     Parameters
     ----------
@@ -43,7 +58,7 @@ def of_members(changes: Any, base: Parameters) -> np.ndarray:
             raise ValueError(
                 "params must have arrays of the same sizes for all members: take an ensemble for each size."
             )
-        return np.array(rows)
+        return OfMembers(np.array(rows))
     given = _as_dict(changes)
     each: dict[str, np.ndarray] = {}
     shared = base._asdict()
@@ -62,13 +77,11 @@ def of_members(changes: Any, base: Parameters) -> np.ndarray:
         kind = layout.kinds[layout.names.index(name)]
         dtype = np.int64 if kind.is_whole and kind.ndim else np.float64
         flat[:, places[name]] = np.ascontiguousarray(value, dtype=dtype).reshape(m, -1).view(np.float64)
-    return flat
+    return OfMembers(flat, tuple(each))
 
 
-def split(
-    rhs: Any, params: Any, t0: float, u0: ArrayLike, v0: ArrayLike, h: ArrayLike
-) -> tuple[np.ndarray, Parameters]:
-    """Return the array p of each member, and the parameters of the first member.
+def split(rhs: Any, params: Any, t0: float, u0: ArrayLike, v0: ArrayLike, h: ArrayLike) -> tuple[OfMembers, Parameters]:
+    """Return the parameters of the members, and those of the first member.
 
     An array whose first axis has the length of the ensemble has a value for each member.
 
@@ -133,7 +146,7 @@ def with_lengths(error: TypeError, params: Any, m: int) -> TypeError:
 
     Each member gets such an array as a whole, where the function may expect a number.
     """
-    if not has_names(params) or "array(" not in str(error):
+    if isinstance(params, OfMembers) or not has_names(params) or "array(" not in str(error):
         return error
     shapes = {name: np.shape(value) for name, value in _as_dict(params).items()}
     others = {name: shape[0] for name, shape in shapes.items() if shape and shape[0] != m}

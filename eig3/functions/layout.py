@@ -66,9 +66,10 @@ def _part(dtype: Any) -> Any:
     return part
 
 
-_PARTS = {"real_part": "float64", "whole_part": "int64", "index_part": "int32"}
-_COMPILED = {name: part_of_array(dtype) for name, dtype in _PARTS.items()}
-_IN_PYTHON = {name: _part(dtype) for name, dtype in _PARTS.items()}
+_TYPES = {"real_part": "float64", "whole_part": "int64", "index_part": "int32"}
+#: The functions that compiled functions call to read a part of an array.
+PARTS = {name: part_of_array(dtype) for name, dtype in _TYPES.items()}
+_PARTS_IN_PYTHON = {name: _part(dtype) for name, dtype in _TYPES.items()}
 
 MOST_AXES = 2
 SPARSE, BLOCKS = (Kind(is_whole=False, ndim=ndim) for ndim in (-1, -2))
@@ -149,7 +150,7 @@ class Layout:
     def read(self, p: np.ndarray) -> Any:
         """Return the parameters in an array p of the kernels as a named tuple, as functions get them."""
         text = "\n    ".join(["def read(p):", *self._views("p"), f"return {self._tuple}", ""])
-        return define(text, "named", self._names | _IN_PYTHON)["read"](p)
+        return define(text, "named", self._names | _PARTS_IN_PYTHON)["read"](p)
 
     def bind(self, function: Any, place: int = PLACE_OF_P) -> Any:
         """Return a jitted function of the array p that calls `function` with the named parameters.
@@ -177,6 +178,31 @@ class Layout:
             known[self] = self._bound(function, place)
         return known[self]
 
+    def bind_in_lanes(self, function: Any, values: Mapping[str, Any], own: Sequence[str]) -> Callable:
+        """Return a Python function of the pair of arrays p that calls `function` with the named parameters.
+
+        Parameters
+        ----------
+        function : jitted function
+        values : mapping
+            The parameters of a member. All members have the same sizes.
+        own : sequence of str
+            The parameters that each member has of its own, which are the second array. The first array has all.
+        """
+        key = self, tuple(own), tuple(np.shape(values[name]) for name in own)
+        known = _bound_in_lanes.setdefault(function, {})
+        if key not in known:
+            lines, first = ["shared, own = {p}", *self._views("shared")], 0
+            for name in own:
+                k, shape = self.names.index(name), np.shape(values[name])
+                sizes = "".join(f"{size}, " for size in shape)
+                lines.append(
+                    f"value_{k} = real_part(own, {first}, ({sizes}))" if shape else f"value_{k} = own[{first}]"
+                )
+                first += math.prod(shape)
+            known[key] = self._calling(function, PLACE_OF_P, lines)
+        return known[key]
+
     def bind_all(self, functions: Any) -> Any:
         """Return a dictionary of bound functions; other objects are returned unchanged."""
         if not isinstance(functions, Mapping):
@@ -196,14 +222,19 @@ class Layout:
         for name in attributes_of(function, place):
             if name not in self.names:
                 raise unknown_name(f"{function.__name__} reads {p}.{name}, but params has", name, self.names)
-        lines = [f"def {function.__name__}({', '.join(arguments)}):", *self._views(p)]
-        given = [*arguments[:place], self._tuple, *arguments[place + 1 :]]
-        text = "\n    ".join([*lines, f"return inner_function({', '.join(given)})", ""])
-        names = {**self._names, **_COMPILED, "inner_function": function, "__name__": function.py_func.__module__}
-        defined = define(text, "named", names)[function.__name__]
+        defined = self._calling(function, place, self._views(p))
         defined.__wrapped__ = function.py_func  # checks and errors then show the arguments of the user
         defined.inner, defined.layout = function, self  # these are pickled with the Python function
         return jit(defined)
+
+    def _calling(self, function: Any, place: int, lines: Sequence[str]) -> Any:
+        """Return a Python function that calls `function` with the named parameters, which `lines` read from {p}."""
+        arguments = list(inspect.signature(function.py_func).parameters)
+        given = [*arguments[:place], self._tuple, *arguments[place + 1 :]]
+        head, p = f"def {function.__name__}({', '.join(arguments)}):", arguments[place]
+        text = "\n    ".join([head, *lines, f"return inner_function({', '.join(given)})", ""]).replace("{p}", p)
+        names = {**self._names, **PARTS, "inner_function": function, "__name__": function.py_func.__module__}
+        return define(text, "named", names)[function.__name__]
 
     @property
     def _tuple(self) -> str:
@@ -250,6 +281,7 @@ class Layout:
 
 # The references are weak, to free the memory of functions that are no longer used.
 _bound: WeakKeyDictionary[Any, dict[Layout, Any]] = WeakKeyDictionary()
+_bound_in_lanes: WeakKeyDictionary[Any, dict[tuple, Callable]] = WeakKeyDictionary()
 
 
 def bound_layout(function: Any) -> Layout | None:

@@ -6,7 +6,6 @@ unknowns: the rate of a state that only events change is 0.
 
 from __future__ import annotations
 
-import functools
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -22,6 +21,7 @@ from ..kernels.compile.source import Writer, define
 from ..kernels.protocol import index
 from ..scene.effect import RATE, Link, arguments
 from ..scene.names import words
+from .text import Loops
 
 _PULLS = "tension", "force_density"
 
@@ -101,59 +101,46 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
     return tuple(kinds), values
 
 
-def write(kinds: Sequence[Kind], out: Writer, names: dict[str, Any]) -> None:
+def write(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]) -> None:
     """Write the forces and the rates of the states, and add the functions of the links to `names`."""
-    for k, kind in _loops(kinds, out, names):
-        for end, sign in (("i", "+="), ("j", "-=")):
-            with out.block(f"if {end} >= 0"):
-                out.line(f"a[{end}] {sign} pull")
+    for k, kind, s, ends in _each(kinds, text, out, names):
+        for end, sign in zip(ends, ("+=", "-="), strict=True):
+            if end:
+                with out.only_if(text.is_free(end)):
+                    out.line(f"{text.force(end)} {sign} pull")
         if kind.has_state:
-            out.line(f"a[place + s] = {_call(k, kind, RATE) if RATE in kind.names else '0.0'}")
+            out.line(f"a[place + {s}] = {_call(k, kind, RATE, s) if RATE in kind.names else '0.0'}")
 
 
-def _loops(kinds: Sequence[Kind], out: Writer, names: dict[str, Any]) -> Iterator[tuple[int, Kind]]:
-    """Write a loop over the links of each kind, with the pull of a link; yield within each loop."""
-    out.line("place = n")
+def write_forces(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]) -> None:
+    """Write the tension of each link to `out`."""
+    for _ in _each(kinds, text, out, names):
+        out.line("out[at] = pull", "at += 1")
+
+
+def write_shear(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]) -> None:
+    """Add the forces of all links in the direction of the ground motion to `total`."""
+    for _, _, _, ends in _each(kinds, text, out, names):
+        for end, sign in zip(ends, ("-=", "+="), strict=True):
+            if end:
+                with out.only_if(text.is_free(end)):
+                    out.line(f"total {sign} p.influence[{end}] * pull")
+
+
+def _each(
+    kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]
+) -> Iterator[tuple[int, Kind, str, tuple[str, str]]]:
+    """Write what follows for each link, with its pull, and give its kind, its number and its ends."""
+    out.line(*["place = n"] * bool(kinds))
     for k, kind in enumerate(kinds):
-        with out.block(f"for s in range(p.link_{k}_first.size)"):
-            _write_one(k, kind, out, names)
-            pulls = [_call(k, kind, name) + " * r" * (name == "force_density") for name in _PULLS if name in kind.names]
+        for s, i, j in text.links(out, k):
+            _write_one(k, kind, text, out, names, s, (i, j))
+            pulls = [
+                _call(k, kind, name, s) + " * r" * (name == "force_density") for name in _PULLS if name in kind.names
+            ]
             out.line(f"pull = {' + '.join(pulls)}")
-            yield k, kind
+            yield k, kind, s, (i, j)
         out.line(*[f"place += p.link_{k}_first.size"] * kind.has_state)
-
-
-@functools.lru_cache(64)
-def forces(kinds: tuple[Kind, ...]) -> Any:
-    """Return an output with the tension of each link, in the order of the kinds."""
-    return _of_all(kinds, "forces(t, u, v, p, out)", "out[row] = pull", "")
-
-
-@functools.lru_cache(64)
-def shear(kinds: tuple[Kind, ...]) -> Any:
-    """Return a function of the forces of all links in the direction of the ground motion."""
-    ends = "total -= p.influence[i] * pull if i >= 0 else 0.0", "total += p.influence[j] * pull if j >= 0 else 0.0"
-    return _of_all(kinds, "shear(t, u, v, p)", "\n".join(ends), "return total")
-
-
-def _of_all(kinds: tuple[Kind, ...], head: str, each: str, end: str) -> Any:
-    """Return a function with a loop over all links."""
-    names: dict[str, Any] = {"__name__": __name__}
-    out = Writer()
-    with out.block(f"def {head}"):
-        out.line("n, row, total = p.size, 0, 0.0")
-        for _ in _loops(kinds, out, names):
-            out.insert(each)
-            out.line("row += 1")
-        out.insert(end)
-    return marked(without_runtime(define(str(out), "links", names)[head.partition("(")[0]]), kinds)
-
-
-def marked(function: Any, kinds: Sequence[Kind]) -> Any:
-    """Mark a function that takes the states of links as first-order unknowns, in the form of kernels."""
-    if any(kind.has_state for kind in kinds):
-        function.py_func.reads_z = True
-    return function
 
 
 def events_of(kinds: Sequence[Kind], values: dict[str, Any], layout: Layout) -> dict[str, Event]:
@@ -190,24 +177,28 @@ def _of_events(k: int, kind: Kind, before: str) -> list[Any]:
         with out.block(f"def {head}_of(member, t, u, v, p)"):
             out.line("s = index(member)", f"place = p.size{before}")
             if head in kind.names:
-                _write_one(k, kind, out, names)
-                out.line(result.format(_call(k, kind, head)))
+                out.line(f"i, j = p.link_{k}_first[s], p.link_{k}_second[s]")
+                _write_one(k, kind, Loops(1), out, names, "s", ("i", "j"))
+                out.line(result.format(_call(k, kind, head, "s")))
     defined = define(str(out), "links", names)
     return [without_runtime(defined[f"{head}_of"]) for head in ("event", "state_after")]
 
 
-def _write_one(k: int, kind: Kind, out: Writer, names: dict[str, Any]) -> None:
+def _write_one(
+    k: int, kind: Kind, text: Any, out: Writer, names: dict[str, Any], s: str, ends: tuple[str, str]
+) -> None:
     """Write the stretch, the rate and the state of the link s."""
     names |= {f"{name}_{k}": function for name, function in kind.functions}
-    out.line(f"i, j = p.link_{k}_first[s], p.link_{k}_second[s]", "r, rate = 0.0, 0.0")
-    for end, sign in (("i", "-="), ("j", "+=")):
-        with out.block(f"if {end} >= 0"):
-            out.line(f"r {sign} u[{end}]", f"rate {sign} v[{end}]")
-    out.line(*["state = v[place + s]"] * kind.has_state)
+    out.line("r, rate = 0.0, 0.0")
+    for end, sign in zip(ends, ("-=", "+="), strict=True):
+        if end:
+            with out.only_if(text.is_free(end)):
+                out.line(f"r {sign} u[{end}]", f"rate {sign} v[{end}]")
+    out.line(*[f"state = v[place + {s}]"] * kind.has_state)
 
 
-def _call(k: int, kind: Kind, name: str) -> str:
-    given = (x if x in ("t", "r", "rate", "state") else f"p.link_{k}_{x}[s]" for x in arguments(kind.names[name]))
+def _call(k: int, kind: Kind, name: str, s: str) -> str:
+    given = (x if x in ("t", "r", "rate", "state") else f"p.link_{k}_{x}[{s}]" for x in arguments(kind.names[name]))
     return f"{name}_{k}({', '.join(given)})"
 
 

@@ -13,10 +13,8 @@ from ..ensembles.solution import EnsembleSolution
 from ..functions.callbacks import without_runtime
 from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
-from ..kernels.compile.numba_internals import flat
 from ..problem import Problem
-from . import links
-from .products import product
+from . import source
 
 
 def base_shear(problem: Problem) -> Any:
@@ -39,19 +37,8 @@ def base_shear(problem: Problem) -> Any:
     TypeError, ValueError
         If the problem has no K or no ground motion.
     """
-    p, kinds = _params(problem, "K", "ground"), links_of(problem)
-    rows, edge, of_links = product(p.K.edge, False), p.K.edge, links.shear(kinds)
-
-    @without_runtime
-    def shear(t, u, v, p):  # type: ignore[no-untyped-def]
-        data, total = flat(p.K.data), 0.0
-        for row in range(p.size // edge):
-            forces = rows(data, p.K.indices, p.K.indptr, row, u)
-            for k in range(edge):
-                total += p.influence[edge * row + k] * forces[k]
-        return total + of_links(t, u, v, p)
-
-    return links.marked(shear, kinds)
+    _params(problem, "K", "ground")
+    return source.shear(parts_of(problem))
 
 
 def link_forces(problem: Problem) -> tuple[Any, int]:
@@ -73,13 +60,13 @@ def link_forces(problem: Problem) -> tuple[Any, int]:
     TypeError, ValueError
         If the problem has no links.
     """
-    p, kinds = _params(problem, "states"), links_of(problem)
-    return links.forces(kinds), sum(len(p[f"link_{k}_first"]) for k in range(len(kinds)))
+    p, parts = _params(problem, "states"), parts_of(problem)
+    return source.forces(parts), sum(len(p[f"link_{k}_first"]) for k in range(len(parts.links)))
 
 
-def links_of(problem: Problem) -> tuple[links.Kind, ...]:
-    """Return the kinds of links of a structure."""
-    return problem.rhs.py_func.inner.py_func.links
+def parts_of(problem: Problem) -> source.Parts:
+    """Return the parts of a structure."""
+    return problem.rhs.py_func.inner.py_func.parts
 
 
 def storey_drifts(problem: Problem, floors: Sequence[int | str]) -> tuple[Any, int]:

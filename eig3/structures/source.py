@@ -8,7 +8,8 @@ with the Rayleigh coefficients a_R and b, the ground acceleration g and the infl
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numba
@@ -22,6 +23,7 @@ from . import links
 from .factors import solution
 from .links import Kind
 from .products import product
+from .text import Lines, Loops, Pattern, pattern_of
 
 _KEPT = 64  # functions; without a limit, functions of the user would stay in memory for ever
 
@@ -31,19 +33,7 @@ LOADED = frozenset({"C", "rayleigh", "modal", "ground", "force", "table", "links
 INTEGRALS = "work", "dissipated"
 _LOADS = frozenset({"force", "table", "links"})  # on single degrees of freedom, computed first
 
-_TABLE = """\
-place, part = weight(t, p.force_times)
-if place >= 0:
-    for k in range(p.degrees.size):
-        low, high = p.forces[place, k], p.forces[place + 1, k]
-        a[p.degrees[k]] += p.force_scale * (low + part * (high - low))
-"""
-_GROUND = """\
-place, part = weight(t, p.ground_times)
-g = 0.0
-if place >= 0:
-    g = p.ground_scale * (p.ground[place] + part * (p.ground[place + 1] - p.ground[place]))
-"""
+_BETWEEN = "{0}[place{1}] + part * ({0}[place + 1{1}] - {0}[place{1}])"
 _MODAL = """\
 for j in range(p.modes.shape[0]):
     speed = 0.0
@@ -67,6 +57,8 @@ class Parts:
         The number of directions with the same consistent mass matrix.
     threads : int
     links : tuple of Kind
+    pattern : Pattern, optional
+        For source line by line, without loops.
     """
 
     has: frozenset[str]
@@ -74,6 +66,12 @@ class Parts:
     copies: int = 1
     threads: int = 1
     links: tuple[Kind, ...] = ()
+    pattern: Pattern | None = None
+
+    @property
+    def text(self) -> Any:
+        """The writer of rows and links."""
+        return Lines(self.edge, self.pattern) if self.pattern else Loops(self.edge)
 
     @property
     def end(self) -> str:
@@ -94,27 +92,26 @@ def weight(t: Any, times: Any) -> Any:
 @functools.lru_cache(_KEPT)
 def right_hand_side(parts: Parts, force: Any) -> Any:
     """Return the jitted right-hand side of a structure with these parts, which structures with the same parts share."""
-    has, edge = parts.has, parts.edge
+    has, edge, text = parts.has, parts.edge, parts.text
     out, of_links = Writer(), dict[str, Any]()
     with out.block("def rhs(t, u, v, p, a)"):
-        out.line("n = p.size")
+        out.line(f"n = {text.n}")
         if has & _LOADS:
-            with out.block("for i in range(a.size)"):
-                out.line("a[i] = 0.0")
-        out.line(*["force(t, u, v, p, a)"] * ("force" in has))
+            text.begin_forces(out, "force(t, u, v, p, a)" * ("force" in has))
         if parts.links:
-            links.write(parts.links, out, of_links)
-        out.insert(_TABLE * ("table" in has) + _GROUND * ("ground" in has))
+            links.write(parts.links, text, out, of_links)
+        if "table" in has:
+            out.line(f"is_within = {text.sample(out, 'force_times')}")
+            for k, degree in text.loads(out):
+                out.line(f"load = p.force_scale * ({_BETWEEN.format('p.forces', f', {k}')})")
+                out.line(f"{text.force(degree)} += load if is_within else 0.0")
+        if "ground" in has:
+            is_within = text.sample(out, "ground_times")
+            out.line(f"g = p.ground_scale * ({_BETWEEN.format('p.ground', '')})", f"g = g if {is_within} else 0.0")
         out.line(*(_arrays(name) for name in "KC" if name in has), *["m = p.m"] * ("lumped" in has))
         out.line(*["influence = p.influence"] * ("ground" in has), *["rate, decay = p.b, p.a"] * ("rayleigh" in has))
-        if parts.threads == 1:
-            with out.block(f"for row in range(n // {edge})"):
-                out.line(*_row(parts))
-        else:
-            out.line(f"rows = n // {edge}")
-            share = f"part * rows // {parts.threads}, (part + 1) * rows // {parts.threads}"
-            with out.block(f"for part in prange({parts.threads})"), out.block(f"for row in range({share})"):
-                out.line(*_row(parts))
+        for row in text.rows(out) if parts.threads == 1 else text.rows_of_threads(out, parts.threads):
+            _write_row(parts, row, out)
         if "consistent" in has:
             out.line("solution(p.order, p.panels, p.rows, p.values, p.inverse, a)")
             if later := _without_mass(parts, "i"):
@@ -139,8 +136,8 @@ def right_hand_side(parts: Parts, force: Any) -> Any:
     written = define(str(out), "structure", names)["rhs"]
     is_plain = parts.threads == 1 and force is None  # a function of the user may need the runtime
     rhs = without_runtime(written) if is_plain else jit(written, parallel=parts.threads > 1)
-    rhs.py_func.links = parts.links  # for outputs; this is pickled with the Python function
-    return links.marked(rhs, parts.links)
+    rhs.py_func.parts = parts  # for outputs; this is pickled with the Python function
+    return marked(rhs, parts, right_hand_side, force)
 
 
 @functools.lru_cache(_KEPT)
@@ -148,42 +145,75 @@ def energy(parts: Parts) -> Any:
     """Return the jitted energy of a structure: kinetic and elastic, minus the work if a run integrates it."""
     out, is_consistent = Writer(), "consistent" in parts.has
     with out.block("def energy(t, u, v, p)"):
-        out.line("n, energy = p.size, 0.0", *[_arrays("M")] * is_consistent)
+        out.line(f"n, energy = {parts.text.n}, 0.0", *[_arrays("M")] * is_consistent)
         with out.block("for i in range(n)"):
             double = f"v[i] * {_of_mass(parts, 'v')}" if is_consistent else "p.m[i] * v[i] * v[i]"
             out.line(f"energy += 0.5 * {double}")
         if "K" in parts.has:
             out.line(_arrays("K"))
-            with out.block(f"for row in range(n // {parts.edge})"):
-                out.line("sums = product(K_data, K_indices, K_indptr, row, u)")
-                out.line(*(f"energy += 0.5 * u[{_at(parts.edge, i)}] * sums[{i}]" for i in range(parts.edge)))
+            for row in parts.text.rows(out):
+                sums = parts.text.product(out, "K", row, "u")
+                out.line(*(f"energy += 0.5 * u[{parts.text.at(row, i)}] * {x}" for i, x in enumerate(sums)))
         if "work" in parts.has:
             with out.block(f"if v.size > {parts.end}"):
                 out.line(f"energy -= v[{parts.end}]")
         out.line("return energy")
     names = {"__name__": __name__, "flat": flat, "product": product(parts.edge, False), "of_mass": product(1, False)}
-    return links.marked(without_runtime(define(str(out), "structure", names)["energy"]), parts.links)
+    return marked(without_runtime(define(str(out), "structure", names)["energy"]), parts, energy)
 
 
-def _row(parts: Parts) -> list[str]:
-    """Return the lines of a row of blocks: the accelerations, or the forces on a consistent mass."""
-    has, lines = parts.has, []
-    if "K" in has:
-        further = ", rate, v" * ("rayleigh" in has)
-        lines.append(f"elastic = stiff(K_data, K_indices, K_indptr, row, u{further})")
-    if "C" in has:
-        lines.append("viscous = product(C_data, C_indices, C_indptr, row, v)")
+@functools.lru_cache(_KEPT)
+def shear(parts: Parts) -> Any:
+    """Return the jitted elastic force in the direction of the ground motion, and of the links."""
+    out, names = Writer(), {"__name__": __name__, "flat": flat, "product": product(parts.edge, False)}
+    with out.block("def shear(t, u, v, p)"):
+        out.line(f"n, total = {parts.text.n}, 0.0", _arrays("K"))
+        for row in parts.text.rows(out):
+            forces = parts.text.product(out, "K", row, "u")
+            out.line(*(f"total += p.influence[{parts.text.at(row, k)}] * {x}" for k, x in enumerate(forces)))
+        links.write_shear(parts.links, parts.text, out, names)
+        out.line("return total")
+    return marked(without_runtime(define(str(out), "structure", names)["shear"]), parts, shear)
+
+
+@functools.lru_cache(_KEPT)
+def forces(parts: Parts) -> Any:
+    """Return an output with the tension of each link, in the order of the kinds."""
+    out, names = Writer(), dict[str, Any](__name__=__name__)
+    with out.block("def forces(t, u, v, p, out)"):
+        out.line(f"n, at = {parts.text.n}, 0")
+        links.write_forces(parts.links, parts.text, out, names)
+    return marked(without_runtime(define(str(out), "structure", names)["forces"]), parts, forces)
+
+
+def marked(function: Any, parts: Parts, write: Callable[..., Any], *given: Any) -> Any:
+    """Mark a function of a structure: how it is written line by line, and whether it takes the states of links."""
+    if not parts.has & {"consistent"} and parts.threads == 1:
+        function.py_func.line_by_line = functools.partial(_line_by_line, write, parts, *given)
+    if any(kind.has_state for kind in parts.links):
+        function.py_func.reads_z = True
+    return function
+
+
+def _line_by_line(write: Callable[..., Any], parts: Parts, *given: Any) -> Any:
+    *given, has = given
+    return write(replace(parts, pattern=pattern_of(has)), *given)
+
+
+def _write_row(parts: Parts, row: str, out: Writer) -> None:
+    """Write a row of blocks: the accelerations, or the forces on a consistent mass."""
+    has, text = parts.has, parts.text
+    elastic = text.product(out, "K", row, "u", "rayleigh" in has) if "K" in has else []
+    viscous = text.product(out, "C", row, "v") if "C" in has else []
     for k in range(parts.edge):
-        i = f"i_{k}"
-        lines.append(f"{i} = {_at(parts.edge, k)}")
-        terms = [f" - elastic[{k}]"] * ("K" in has) + [f" - viscous[{k}]"] * ("C" in has)
-        f = (f"a[{i}]" if has & _LOADS else "0.0") + "".join(terms)
+        i = text.at(row, k)
+        terms = [f" - {products[k]}" for products in (elastic, viscous) if products]
+        f = (text.force(i) if has & _LOADS else "0.0") + "".join(terms)
         if "lumped" in has:
             f = f"({f}) / m[{i}]"
             later = _without_mass(parts, i)
             f += f" - ({later})" if later else ""
-        lines.append(f"a[{i}] = {f}")
-    return lines
+        out.line(f"a[{i}] = {f}")
 
 
 def _without_mass(parts: Parts, i: str) -> str:
@@ -197,16 +227,16 @@ def _power(parts: Parts, out: Writer) -> None:
 
     The power of loads, ground and damping is v (M a + K u), and the power of the damping alone is v (C v + ...).
     """
-    has, edge = parts.has, parts.edge
+    has, text = parts.has, parts.text
     out.line("power, lost = 0.0, 0.0", *[_arrays("M")] * ("consistent" in has))
     with out.block("for i in range(n)"):
         out.line(f"power += v[i] * {_of_mass(parts, 'a')}")
         out.line(*[f"lost += decay * v[i] * {_of_mass(parts, 'v')}"] * ("rayleigh" in has))
     for name, x, power in (("K", "u", "power += "), ("K", "v", "lost += rate * "), ("C", "v", "lost += ")):
         if name in has and ("rate" not in power or "rayleigh" in has):
-            with out.block(f"for row in range(n // {edge})"):
-                out.line(f"sums = product({name}_data, {name}_indices, {name}_indptr, row, {x})")
-                out.line(*(f"{power}v[{_at(edge, k)}] * sums[{k}]" for k in range(edge)))
+            for row in text.rows(out):
+                sums = text.product(out, name, row, x)
+                out.line(*(f"{power}v[{text.at(row, k)}] * {y}" for k, y in enumerate(sums)))
     if "modal" in has:
         with out.block("for j in range(p.modes.shape[0])"):
             out.line("speed, amount = 0.0, 0.0")
@@ -219,11 +249,6 @@ def _power(parts: Parts, out: Writer) -> None:
 def _of_mass(parts: Parts, x: str) -> str:
     """Return the text of an entry of the product of the mass and x."""
     return f"of_mass(M_data, M_indices, M_indptr, i, {x})[0]" if "consistent" in parts.has else f"m[i] * {x}[i]"
-
-
-def _at(edge: int, k: int) -> str:
-    """Return the text of the degree of freedom k of a row of blocks."""
-    return "row" if edge == 1 else f"{edge} * row + {k}"
 
 
 def _arrays(name: str) -> str:

@@ -1,0 +1,61 @@
+"""Functions of named parameters in lanes: the members share some parameters, and the others are their own.
+
+The right-hand side and the outputs of a structure are written line by line for lanes; see `eig3.structures.text`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..functions.layout import Layout
+from .members import Members
+
+
+class NamedLanes:
+    """The named parameters of the members.
+
+    Parameters
+    ----------
+    layout : Layout
+    values : mapping
+        The parameters of a member.
+    own : tuple of str
+        The names of the parameters that each member has of its own.
+    """
+
+    def __init__(self, layout: Layout, values: Mapping[str, Any], own: tuple[str, ...]) -> None:
+        self._layout, self._values, self._own = layout, values, own
+
+    @classmethod
+    def of(cls, rhs: Any, layout: Layout, members: Members) -> NamedLanes | None:
+        """Return the parameters of a right-hand side that can be written line by line, and None for others."""
+        if not hasattr(rhs.py_func.inner.py_func, "line_by_line"):
+            return None
+        if members.has_own_params and not all(_is_real(layout, name) for name in members.own or layout.names):
+            return None
+        values = layout.read(members.params[0] if members.has_own_params else members.params)._asdict()
+        return cls(layout, values, members.own if members.has_own_params else ())
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """The places in p of the parameters that each member has of its own."""
+        places = self._layout.places(self._values)
+        return np.concatenate([np.arange(places[name].start, places[name].stop) for name in self._own])
+
+    def function(self, function: Any) -> Callable:
+        """Return the Python function for lanes of a function that is bound to these parameters."""
+        inner = function.py_func.inner
+        if hasattr(inner.py_func, "line_by_line"):
+            inner = inner.py_func.line_by_line(self._values)
+        if not self._own:
+            return self._layout.bind(inner).py_func
+        return self._layout.bind_in_lanes(inner, self._values, self._own)
+
+
+def _is_real(layout: Layout, name: str) -> bool:
+    kind = layout.kinds[layout.names.index(name)]
+    return kind.ndim >= 0 and not kind.is_whole
