@@ -416,7 +416,10 @@ def test_the_plain_njit_of_numba_is_vectorised_too():
 @pytest.mark.parametrize("has_own_step", [False, True])
 def test_right_hand_sides_are_vectorised(form, n, rhs, shares_params, has_own_step):
     """The optimised code computes vectors, and calls no function for single values in its loop."""
-    assert compile_rhs(rhs.py_func, Layout(form, n, 64, *((5, 0) if shares_params else (0, 5)), has_own_step)).obstacle == ""
+    assert (
+        compile_rhs(rhs.py_func, Layout(form, n, 64, *((5, 0) if shares_params else (0, 5)), has_own_step)).obstacle
+        == ""
+    )
 
 
 def test_notes_say_why_a_function_is_not_vectorised():

@@ -35,7 +35,7 @@ _LOADS = frozenset({"force", "table", "links"})  # on single degrees of freedom,
 
 _BETWEEN = "{0}[place{1}] + part * ({0}[place + 1{1}] - {0}[place{1}])"
 _MODAL = """\
-for j in range(p.modes.shape[0]):
+for j in range({modes}):
     speed = 0.0
     for i in range(n):
         speed += p.rates[j, i] * v[i]
@@ -117,7 +117,7 @@ def right_hand_side(parts: Parts, force: Any) -> Any:
             if later := _without_mass(parts, "i"):
                 with out.block("for i in range(n)"):
                     out.line(f"a[i] -= {later}")
-        out.insert(_MODAL * ("modal" in has))
+        out.insert(_MODAL.format(modes=text.modes) * ("modal" in has))
         if "work" in has:
             with out.block(f"if u.size > {parts.end}"):
                 _power(parts, out)
@@ -196,8 +196,8 @@ def marked(function: Any, parts: Parts, write: Callable[..., Any], *given: Any) 
 
 
 def _line_by_line(write: Callable[..., Any], parts: Parts, *given: Any) -> Any:
-    *given, has = given
-    return write(replace(parts, pattern=pattern_of(has)), *given)
+    *others, has = given
+    return write(replace(parts, pattern=pattern_of(has)), *others)
 
 
 def _write_row(parts: Parts, row: str, out: Writer) -> None:
@@ -238,7 +238,7 @@ def _power(parts: Parts, out: Writer) -> None:
                 sums = text.product(out, name, row, x)
                 out.line(*(f"{power}v[{text.at(row, k)}] * {y}" for k, y in enumerate(sums)))
     if "modal" in has:
-        with out.block("for j in range(p.modes.shape[0])"):
+        with out.block(f"for j in range({text.modes})"):
             out.line("speed, amount = 0.0, 0.0")
             with out.block("for i in range(n)"):
                 out.line("speed += p.rates[j, i] * v[i]", f"amount += p.modes[j, i] * {_of_mass(parts, 'v')}")

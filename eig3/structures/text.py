@@ -30,6 +30,8 @@ class Pattern(NamedTuple):
         The names and the lengths of the times of records.
     degrees : tuple of int
         The degrees of freedom of a table of forces.
+    modes : int
+        The number of damped modes.
     """
 
     n: int
@@ -37,11 +39,13 @@ class Pattern(NamedTuple):
     ends: tuple[tuple[tuple[int, int], ...], ...]
     samples: tuple[tuple[str, int], ...]
     degrees: tuple[int, ...]
+    modes: int
 
 
 def pattern_of(has: dict[str, Any]) -> Pattern:
     """Return the pattern of a structure with these parameters."""
-    columns, ends = [], []
+    columns: list[tuple[str, tuple[tuple[int, ...], ...]]] = []
+    ends: list[tuple[tuple[int, int], ...]] = []
     for name in "KC":
         if name in has:
             A = has[name]
@@ -51,7 +55,8 @@ def pattern_of(has: dict[str, Any]) -> Pattern:
         pair = (has[f"link_{len(ends)}_{end}"].tolist() for end in ("first", "second"))
         ends.append(tuple(zip(*pair, strict=True)))
     samples = ((name, len(value)) for name, value in has.items() if name in ("ground_times", "force_times"))
-    return Pattern(has["size"], tuple(columns), tuple(ends), tuple(samples), tuple(has.get("degrees", ())))
+    modes, degrees = len(has.get("modes", ())), np.asarray(has.get("degrees", ())).tolist()
+    return Pattern(has["size"], tuple(columns), tuple(ends), tuple(samples), tuple(degrees), modes)
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,7 @@ class Loops:
     """Source with loops. `edge` is the number of rows of a block."""
 
     edge: int
-    n = "p.size"
+    n, modes = "p.size", "p.modes.shape[0]"
 
     def begin_forces(self, out: Writer, function: str) -> None:
         """Set the forces on single degrees of freedom to those of the user's function, if there is one, or to 0."""
@@ -125,11 +130,16 @@ class Lines:
     def n(self) -> str:
         return str(self.pattern.n)
 
+    @property
+    def modes(self) -> str:
+        return str(self.pattern.modes)
+
     def begin_forces(self, out: Writer, function: str) -> None:
-        if function:
-            Loops.begin_forces(self, out, function)  # type: ignore[arg-type]
         # LLVM does not vectorise a loop that changes the same entry of an array several times
-        out.line(*(f"force_{i} = {f'a[{i}]' if function else '0.0'}" for i in range(self.pattern.n)))
+        every = range(self.pattern.n)
+        if function:
+            out.line(*(f"a[{i}] = 0.0" for i in every), function)
+        out.line(*(f"force_{i} = {f'a[{i}]' if function else '0.0'}" for i in every))
 
     def force(self, end: str) -> str:
         return f"force_{end}"
