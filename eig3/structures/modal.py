@@ -52,7 +52,7 @@ def modal_solution(problem: Problem, t: ArrayLike, modes: int | None = None) -> 
     if not isinstance(problem, Problem) or not {"size", "K"} <= set(getattr(problem._layout, "names", ())):
         raise TypeError("problem must be a problem of eig3.linear with a stiffness K.")
     rhs = getattr(problem.rhs.py_func, "inner", problem.rhs).py_func
-    if "states" in problem.params._fields:
+    if "states" in problem.params._asdict():
         raise ValueError("the links of this problem have no modes: leave them out.")
     if rhs.__globals__.get("force") is not None:
         raise ValueError("the force of this problem is a function: the motion of its modes has no closed form.")
