@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -14,9 +14,11 @@ from ..functions.checks import check_count, reals, shown
 from ..functions.layout import unknown_name
 from ..keywords import with_suggestions
 from ..problem import Problem
+from ..scene.effect import Link
 from ..stability import practical_limit
 from .corotational import chords, energy_of_members, turning_members
 from .corotational_space import chords_in_space, energy_of_members_in_space, turning_members_in_space
+from .damping import Rayleigh
 from .frame_members import DIRECTIONS, Member, Section
 from .linear import linear
 from .matrices import check_mass, without
@@ -56,6 +58,7 @@ class Frame:
         self.dimension = dimension
         self._places: dict[str, np.ndarray] = {}
         self._members: list[tuple[str, str, Member]] = []
+        self._hinges: dict[str, tuple[str, Link]] = {}
         self._masses: dict[str, float] = {}
         self._inertias: dict[str, float] = {}
         self._fixed: set[str] = set()
@@ -84,6 +87,7 @@ class Frame:
         section: Section,
         *,
         releases: Iterable[str] = (),
+        hinges: Mapping[str, Link] | None = None,
         up: Sequence[float] = (0.0, 0.0, 1.0),
     ) -> None:
         """Add a straight member between two nodes.
@@ -93,7 +97,11 @@ class Frame:
         start, end : str
         section : Section
         releases : iterable of {"start", "end"}
-            The ends with hinges.
+            The ends without a moment.
+        hinges : dict, optional
+            In the plane: plastic hinges, such as ``{"start": ElasticPlastic(8e7, 3e5)}``. The link of `eig3.effects`
+            gives the moment, N m, for the rotation of the end relative to its node, rad. The rotation of the end is a
+            degree of freedom, such as ``"a-b.rz_start"``, with the inertia of half the member.
         up : sequence of float, shape (3,)
             In space: a direction in the plane in which the section bends with I. A member along `up` uses x instead.
 
@@ -107,10 +115,31 @@ class Frame:
         free = frozenset([releases] if isinstance(releases, str) else releases)
         if not free <= {"start", "end"}:
             raise ValueError(f'releases must be some of "start" and "end", not {shown(releases)}.')
+        ends = {} if hinges is None else dict(hinges)
+        self._check_hinges(ends, free, section)
         member = Member(section, self._place(start), self._place(end), free, _direction(up))
         if member.length == 0:
             raise ValueError(f"the member from {start} to {end} must have a length.")
+        number = len(self._members)
         self._members.append((start, end, member))
+        for side, law in ends.items():
+            self._hinges[self._name_of_hinge(number, side)] = (start if side == "start" else end), law
+
+    def _check_hinges(self, hinges: dict[str, Any], releases: frozenset[str], section: Section) -> None:
+        if not hinges:
+            return
+        if self.dimension != 2:
+            raise ValueError("hinges are for frames in the plane: in space, give links between nodes to `problem`.")
+        for side, law in hinges.items():
+            if side not in ("start", "end") or side in releases or section.is_bar:
+                raise ValueError(f'hinges must be at "start" or "end", where the member has a moment, not at {side!r}.')
+            if not isinstance(law, Link):
+                raise TypeError(f"hinges[{side!r}] must be a link of eig3.effects, not {shown(law)}.")
+
+    def _name_of_hinge(self, number: int, side: str) -> str:
+        start, end, _ = self._members[number]
+        same = sum((a, b) == (start, end) for a, b, _ in self._members[:number])
+        return f"{start}-{end}{f'({same + 1})' * (same > 0)}.rz_{side}"
 
     def mass(self, node: str, m: float, inertia: float = 0.0) -> None:
         """Add a mass, kg, to a node, and a moment of inertia, kg m^2, to its rotations.
@@ -145,12 +174,12 @@ class Frame:
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the degrees of freedom."""
-        return tuple(self._assembled()[0])
+        return tuple(self._assembled(hinged=True)[0])
 
     @property
     def matrices(self) -> tuple[np.ndarray, Any]:
-        """The lumped masses, shape (n,), and the sparse stiffness."""
-        return self._assembled()[1:]
+        """The lumped masses, shape (n,), and the sparse stiffness, to which hinges do not contribute."""
+        return self._assembled(hinged=True)[1:]
 
     def highest_frequency(self) -> float:
         """Return a bound of the angular frequencies, rad/s: the highest frequency of a single member with its masses.
@@ -213,11 +242,18 @@ class Frame:
             If an argument is not valid, a direction has stiffness and no mass, or, for corotational members in space,
             a support fixes only some of a node's rotations.
         """
-        names, masses, K = self._with_masses(condensed=not corotational)
+        names, masses, K = self._with_masses(condensed=not corotational, hinged=True)
+        if self._hinges:
+            options["links"] = [*options.get("links", ()), *self._links(names)]
+            if isinstance(options.get("damping"), Rayleigh):
+                closed = self._with_masses()
+                options["damping"] = options["damping"].of(check_mass(closed[1], None), closed[2])
         if ground is not None:
             options["ground"] = *ground, self._influence(names, direction)
         units = tuple(_UNITS[name.rpartition(".")[2][0]] for name in names)
         if corotational:
+            if self._hinges:
+                raise ValueError("hinges of members are for linear frames: leave out corotational=True.")
             if {"force", "damping", "work", "params"} & {*options}:
                 raise ValueError("force, damping, work and params are for linear frames: leave out corotational=True.")
             force, of, energy = _TURNING[self.dimension]
@@ -229,8 +265,23 @@ class Frame:
         h = None if corotational or options.get("links") else self._stable_step(problem.params)
         return problem.with_(name="frame", view=self._view(names, 1.0), h=h)
 
+    def _links(self, names: Sequence[str]) -> Iterator[tuple[Link, str | None, str]]:
+        """Return the hinges as links between the rotations of a node and of the end of a member."""
+        for hinge, (node, law) in self._hinges.items():
+            rotation = f"{node}.rz"
+            is_fixed = rotation in self._fixed
+            for name in (hinge, *[rotation] * (not is_fixed)):
+                if name not in names:
+                    raise ValueError(
+                        f"{name} must have inertia, because a hinge joins it: give the section a density, or the node "
+                        "an inertia."
+                    )
+            yield law, None if is_fixed else rotation, hinge
+
     def modes(self, count: int, direction: str = "ux") -> Modes:
         """Return the lowest natural modes, with their participation in a ground motion in a direction.
+
+        Hinges of members are rigid.
 
         Parameters
         ----------
@@ -257,9 +308,9 @@ class Frame:
             raise unknown_name("the ground has", direction, known, ValueError)
         return np.array([float(name.endswith(f".{direction}")) for name in names])
 
-    def _with_masses(self, *, condensed: bool = True) -> tuple[list[str], np.ndarray, Any]:
+    def _with_masses(self, *, condensed: bool = True, hinged: bool = False) -> tuple[list[str], np.ndarray, Any]:
         """Return the names, masses and stiffness of degrees of freedom, which must have masses."""
-        names, masses, K = self._assembled(condensed=condensed)
+        names, masses, K = self._assembled(condensed=condensed, hinged=hinged)
         light = [name for name, m in zip(names, masses, strict=True) if m == 0]
         if light:
             raise ValueError(f"{light[0]} must have a mass: give its members a density, or the node a mass.")
@@ -299,20 +350,24 @@ class Frame:
         columns = np.array([[number.get(f"{node}.{axis}", -1) for axis in axes] for node in self._places])
         return np.array(list(self._places.values())), columns
 
-    def _assembled(self, *, condensed: bool = True) -> tuple[list[str], np.ndarray, Any]:
+    def _assembled(self, *, condensed: bool = True, hinged: bool = False) -> tuple[list[str], np.ndarray, Any]:
         """Return the names of the degrees of freedom, their masses, and the stiffness.
 
-        Rotations without inertia are condensed, unless nothing has a mass: K is then of statics.
+        With `hinged`, ends with hinges have a rotation of their own; otherwise hinges are rigid. Rotations without
+        inertia are condensed, unless nothing has a mass: K is then of statics.
         """
         if not self._members:
             raise ValueError("the frame must have at least one member.")
         every = [f"{node}.{direction}" for node in self._places for direction in DIRECTIONS[self.dimension]]
+        every += self._hinges if hinged else ()
         number = {name: i for i, name in enumerate(every)}
         d = len(DIRECTIONS[self.dimension])
         rows, columns, entries, masses = [], [], [], np.zeros(len(every))
-        for start, end, member in self._members:
+        for k, (start, end, member) in enumerate(self._members):
             first = [number[f"{node}.ux"] for node in (start, end)]
             places = np.concatenate([np.arange(i, i + d) for i in first])
+            for side, place in (("start", d - 1), ("end", 2 * d - 1)):
+                places[place] = number.get(self._name_of_hinge(k, side), places[place])
             K, m = member.matrices
             masses[places] += m
             rows.append(np.repeat(places, 2 * d))

@@ -45,8 +45,8 @@ class Section:
     Other codes: OpenSees ``element elasticBeamColumn``, with ``geomTransf Linear``, or ``Corotational`` for a problem
     with ``corotational=True``; a section with I = 0 is ``element truss`` or ``corotTruss``. Masses are lumped.
 
-    Not included: shear deformation (``ElasticTimoshenkoBeam``), plastic hinges, offsets of the ends, and loads along
-    the member.
+    Not included: shear deformation (``ElasticTimoshenkoBeam``), plasticity along the member, offsets of the ends, and
+    loads along the member.
     """
 
     E: float
@@ -79,7 +79,7 @@ class Member:
     start, end : ndarray, shape (2,) or (3,)
         The positions of its nodes, m.
     releases : frozenset of str
-        The ends, "start" or "end", with hinges.
+        The ends, "start" or "end", without a moment.
     up : ndarray, shape (3,)
         In space: a direction in the plane of the first bending stiffness.
     """
