@@ -197,7 +197,7 @@ class Balance:
 
     @classmethod
     def of(cls, problem: Problem, solution: Solution) -> Balance:
-        energy = problem.energy_of(solution.u, solution.v, solution.t)
+        energy = problem.energy_of(solution.u, solution.v, solution.t, solution.z or None)
         return cls(solution.t, energy, solution.z.get("work"), problem.energy_unit)
 
     def summary(self) -> str:

@@ -44,6 +44,7 @@ from .ten_storey_frame import ten_storey_frame as ten_storey_frame
 from .tumbling_box import tumbling_box as tumbling_box
 from .two_frequency_oscillator import two_frequency_oscillator as two_frequency_oscillator
 from .van_der_pol import van_der_pol as van_der_pol
+from .yielding_frame import yielding_frame as yielding_frame
 
 __all__ = sorted(name for name in globals() if not name.startswith("_"))
 

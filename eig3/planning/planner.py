@@ -239,7 +239,7 @@ def plan(
         raise ValueError(f"metric must be 'trajectory' or 'energy', not {metric!r}.")
     if metric == "energy" and problem.energy is None:
         raise ValueError(f"metric 'energy' needs a problem with an energy, and {problem.name} has none.")
-    if metric == "energy" and problem.energy_of(problem.u0, problem.v0) == 0:
+    if metric == "energy" and problem.energy_of(problem.u0, problem.v0, z=problem.z0 or None) == 0:
         raise ValueError(
             f"metric 'energy' is relative to the energy at the start, which is 0 in {problem.name}: choose "
             "metric='trajectory'."

@@ -11,7 +11,7 @@ from .frame_members import Section
 from .linear import linear
 from .modal import modal_solution
 from .modes import Modes
-from .responses import absolute_motion, base_shear, ground_motion, link_forces, storey_drifts
+from .responses import absolute_motion, base_shear, ground_motion, link_forces, link_stretches, storey_drifts
 from .structure import Structure
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "ground_motion",
     "linear",
     "link_forces",
+    "link_stretches",
     "modal_solution",
     "storey_drifts",
 ]

@@ -74,8 +74,9 @@ def linear(
     names, units : sequence of str
         The names and units of the degrees of freedom.
     work : bool
-        Integrate the work of forces, ground and damping, ``z["work"]``, and the energy that the damping has
-        dissipated, ``z["dissipated"]``. The energy minus the work is then an invariant.
+        Integrate the work of forces, ground, damping and links, ``z["work"]``, the energy that the damping has
+        dissipated, ``z["dissipated"]``, and the energy that links have stored or dissipated, ``z["absorbed"]``. The
+        energy minus the work is then an invariant.
     threads : int
         The number of threads that share the rows, with bitwise the same results. Threads pay from about 10^4 degrees of
         freedom on. Each member of an ensemble has one thread.
@@ -140,7 +141,7 @@ def linear(
         energy=energy(parts) if work or not has & LOADED else None,
         names=_names(names, n),
         units=units if isinstance(units, str) else tuple(units),
-        z0=states_of(kinds, values) | (dict.fromkeys(INTEGRALS, 0.0) if work else {}),
+        z0=states_of(kinds, values) | (dict.fromkeys(INTEGRALS[: 3 if kinds else 2], 0.0) if work else {}),
         events=events_of(kinds, values, every.layout),
     )
 

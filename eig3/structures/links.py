@@ -101,21 +101,26 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
     return tuple(kinds), values
 
 
-def write(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]) -> None:
-    """Write the forces and the rates of the states, and add the functions of the links to `names`."""
+def write(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], has_power: bool) -> None:
+    """Write the forces and the rates of the states, and add the functions of the links to `names`.
+
+    With `has_power`, write the power that the links absorb.
+    """
+    out.line(*["absorbed = 0.0"] * has_power)
     for k, kind, s, ends in _each(kinds, text, out, names):
         for end, sign in zip(ends, ("+=", "-="), strict=True):
             if end:
                 with out.only_if(text.is_free(end)):
                     out.line(f"{text.force(end)} {sign} pull")
+        out.line(*["absorbed += pull * rate"] * has_power)
         if kind.has_state:
             out.line(f"a[place + {s}] = {_call(k, kind, RATE, s) if RATE in kind.names else '0.0'}")
 
 
-def write_forces(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]) -> None:
-    """Write the tension of each link to `out`."""
+def write_output(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], what: str) -> None:
+    """Write a value of each link to `out`."""
     for _ in _each(kinds, text, out, names):
-        out.line("out[at] = pull", "at += 1")
+        out.line(f"out[at] = {what}", "at += 1")
 
 
 def write_shear(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]) -> None:

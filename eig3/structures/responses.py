@@ -60,8 +60,35 @@ def link_forces(problem: Problem) -> tuple[Any, int]:
     TypeError, ValueError
         If the problem has no links.
     """
+    return _of_links(problem, "pull")
+
+
+def link_stretches(problem: Problem) -> tuple[Any, int]:
+    """Return the stretch of each link of a structure, as an output for `Problem.integrate`.
+
+    With `link_forces`, it gives the loops of links that yield; its extremes give their ductility.
+
+    Parameters
+    ----------
+    problem : Problem
+        A problem of `eig3.linear` with links.
+
+    Returns
+    -------
+    (jitted function, int)
+        The function and its number of values: m, or rad for links of rotations, in the order of `link_forces`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the problem has no links.
+    """
+    return _of_links(problem, "r")
+
+
+def _of_links(problem: Problem, what: str) -> tuple[Any, int]:
     p, parts = _params(problem, "states"), parts_of(problem)
-    return source.forces(parts), sum(len(p[f"link_{k}_first"]) for k in range(len(parts.links)))
+    return source.of_links(parts, what), sum(len(p[f"link_{k}_first"]) for k in range(len(parts.links)))
 
 
 def parts_of(problem: Problem) -> source.Parts:

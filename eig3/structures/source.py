@@ -30,7 +30,7 @@ _KEPT = 64  # functions; without a limit, functions of the user would stay in me
 #: The terms that change the energy.
 LOADED = frozenset({"C", "rayleigh", "modal", "ground", "force", "table", "links"})
 #: The integrals over time of a run with `work=True`.
-INTEGRALS = "work", "dissipated"
+INTEGRALS = "work", "dissipated", "absorbed"
 _LOADS = frozenset({"force", "table", "links"})  # on single degrees of freedom, computed first
 
 _BETWEEN = "{0}[place{1}] + part * ({0}[place + 1{1}] - {0}[place{1}])"
@@ -99,7 +99,7 @@ def right_hand_side(parts: Parts, force: Any) -> Any:
         if has & _LOADS:
             text.begin_forces(out, "force(t, u, v, p, a)" * ("force" in has))
         if parts.links:
-            links.write(parts.links, text, out, of_links)
+            links.write(parts.links, text, out, of_links, has_power="work" in has)
         if "table" in has:
             out.line(f"is_within = {text.sample(out, 'force_times')}")
             for k, degree in text.loads(out):
@@ -177,13 +177,13 @@ def shear(parts: Parts) -> Any:
 
 
 @functools.lru_cache(_KEPT)
-def forces(parts: Parts) -> Any:
-    """Return an output with the tension of each link, in the order of the kinds."""
+def of_links(parts: Parts, what: str) -> Any:
+    """Return an output with a value of each link, in the order of the kinds: "pull" or the stretch "r"."""
     out, names = Writer(), dict[str, Any](__name__=__name__)
-    with out.block("def forces(t, u, v, p, out)"):
+    with out.block("def of_links(t, u, v, p, out)"):
         out.line(f"n, at = {parts.text.n}, 0")
-        links.write_forces(parts.links, parts.text, out, names)
-    return marked(without_runtime(define(str(out), "structure", names)["forces"]), parts, forces)
+        links.write_output(parts.links, parts.text, out, names, what)
+    return marked(without_runtime(define(str(out), "structure", names)["of_links"]), parts, of_links, what)
 
 
 def marked(function: Any, parts: Parts, write: Callable[..., Any], *given: Any) -> Any:
@@ -244,6 +244,7 @@ def _power(parts: Parts, out: Writer) -> None:
                 out.line("speed += p.rates[j, i] * v[i]", f"amount += p.modes[j, i] * {_of_mass(parts, 'v')}")
             out.line("lost += speed * amount")
     out.line(f"a[{parts.end}] = power", f"a[{parts.end} + 1] = lost")
+    out.line(*[f"a[{parts.end} + 2] = absorbed"] * bool(parts.links))
 
 
 def _of_mass(parts: Parts, x: str) -> str:
