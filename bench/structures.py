@@ -44,6 +44,10 @@ _PER_CENT = 0.01
 _METHODS = "eig3", "cd", "rk2", "rk3", "rk4", "ab2", "ab3", "rk5", "rk8"
 _WITHOUT_DAMPING = "bm6", "rkn12"
 HEADER = ["degrees of freedom, run", "us/step", "/ C with rows", "ns/step and entry"]
+_ERRORS = 1e-2, 1e-3, 1e-4  # of the frame that yields, relative to its largest displacement
+_TRUTH = 2e-5  # s: the step of EIG-3 for its true motion, whose error is below 1e-6
+_SAMPLE = 0.02  # s, between the compared states
+YIELDS = ["error", "run", "h (s)", "error reached", "ms", "/ EIG-3"]
 REACHED = ["structure, method", "h (s)", "steps", "ms", "/ fastest"]
 
 
@@ -61,7 +65,7 @@ def run(options: argparse.Namespace) -> None:
 def benchmark(
     *, sides: tuple[int, ...] = SIDES, repeats: int = 9, write: Callable[[str], None] = print
 ) -> dict[str, dict[str, float]]:
-    """Print both tables; return the seconds of a step of each run, by cube."""
+    """Print the tables; return the seconds of a step of each run, by cube."""
     threads = os.cpu_count() or 1
     write(f"Machine: {in_words()}")
     write(f"C: {version()}, -O3 -march=native")
@@ -84,6 +88,60 @@ def benchmark(
     write(text.table(HEADER, rows))
     write("\nThe fastest method for an error of 1 % of the largest displacement, over the whole motion:\n")
     write(text.table(REACHED, [row for name, problem in motions().items() for row in reach(name, problem, repeats)]))
+    write("\nA frame of 94 degrees of freedom with 34 plastic hinges, 10 s, at equal error of its joints:\n")
+    write(text.table(YIELDS, yielding(repeats)))
+    return found
+
+
+def yielding(repeats: int, t_end: float = 10.0) -> list[list[str]]:
+    """Return the rows of the frame that yields: the longest steps of EIG-3 and of OpenSees that reach each error."""
+    problem = problems.yielding_frame(t_end=t_end)
+    times = np.arange(0, t_end + _SAMPLE / 2, _SAMPLE)
+    columns = [problem.names.index(name) for name in opensees.frame_names(problem)]
+
+    def histories(h: float) -> np.ndarray:
+        return problem.integrate(h=h, t_eval=times, invariants={}, raise_on_failure=False).u[:, columns]
+
+    def of_opensees(h: float) -> np.ndarray:
+        return opensees.frame_history(problem, h, round(_SAMPLE / h), len(times))
+
+    def timed(h: float) -> Callable[[], float]:
+        prepared = problem.prepare(h=h, save_every=None, invariants={})
+        return lambda: prepared().kernel_seconds
+
+    truth = histories(_TRUTH)
+    codes: dict[str, tuple[Any, Any]] = {"EIG-3": (histories, timed)}
+    if opensees.is_there():
+        codes["OpenSees, Newmark"] = of_opensees, lambda h: opensees.frame_run(problem, h, round(t_end / h))
+    runs, chosen = {}, {}
+    for code, (history, run) in codes.items():
+        for wanted, (h, error) in _reaching(history, truth).items():
+            runs[wanted, code], chosen[wanted, code] = run(h), (h, error)
+    seconds = {key: float(np.median(x)) for key, x in interleave(runs, repeats, "the frame that yields").items()}
+    return [
+        [
+            f"{wanted:g}",
+            code,
+            text.number(chosen[wanted, code][0]),
+            text.number(chosen[wanted, code][1]),
+            text.number(1e3 * value),
+            text.ratio(value / seconds[wanted, "EIG-3"]),
+        ]
+        for (wanted, code), value in sorted(seconds.items(), key=lambda pair: (-pair[0][0], pair[0][1]))
+    ]
+
+
+def _reaching(history: Callable[[float], np.ndarray], truth: np.ndarray) -> dict[float, tuple[float, float]]:
+    """Return for each error the longest step that reaches it, a part of the time between samples, and its error."""
+    found: dict[float, tuple[float, float]] = {}
+    parts, largest = 1, np.abs(truth).max()
+    while len(found) < len(_ERRORS) and parts <= _SAMPLE / _TRUTH:
+        u = history(_SAMPLE / parts)
+        error = np.abs(u - truth).max() / largest if u.shape == truth.shape else np.nan
+        for wanted in _ERRORS:
+            if wanted not in found and error <= wanted:
+                found[wanted] = _SAMPLE / parts, float(error)
+        parts = max(parts + 1, round(1.15 * parts))
     return found
 
 

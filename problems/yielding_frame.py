@@ -13,6 +13,8 @@ from .shear_building import shaking
 MAGNIFIED = 10  # displacements in pictures
 STOREYS, BAYS = 5, 3
 STOREY, BAY = 3.3, 6.0  # m
+STEEL = {"E": 2.1e11, "density": 7850.0}  # Pa, kg/m^3
+COLUMN, BEAM = STEEL | {"A": 2.4e-2, "I": 8.0e-4}, STEEL | {"A": 1.2e-2, "I": 4.8e-4}  # m^2, m^4
 RIGID = 10.0  # the elastic stiffness of a hinge relative to the stiffness 6 E I / L of its member
 
 
@@ -52,8 +54,7 @@ def yielding_frame(
     """
     from eig3.structures import Frame, Rayleigh, Section, link_forces, link_stretches  # these need SciPy
 
-    steel = {"E": 2.1e11, "density": 7850.0}
-    column, beam = Section(**steel, A=2.4e-2, I=8.0e-4), Section(**steel, A=1.2e-2, I=4.8e-4)
+    column, beam = Section(**COLUMN), Section(**BEAM)
     of_column = hinge(column, STOREY, 2 * moment, hardening)
     of_beam = hinge(beam, BAY, moment, hardening)
     frame = Frame()

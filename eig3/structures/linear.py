@@ -14,7 +14,7 @@ from ..kernels.compile.numba_internals import Jitted
 from ..keywords import with_suggestions
 from .damping import Modal, Rayleigh
 from .factors import copies_in, factors
-from .links import Kind, check_links, events_of, states_of
+from .links import check_links, events_of, states_of
 from .loads import check_ground, check_table
 from .matrices import Mass, check_mass, check_matrix, check_symmetric, edge_of_blocks
 from .modal import exact_motion, unknown
@@ -105,7 +105,8 @@ def linear(
     edge = edge_of_blocks(matrices.values())
     blocks = {name: matrix.tobsr((edge, edge)) if edge > 1 else matrix for name, matrix in matrices.items()}
     copies, of_mass = _of_mass(mass)
-    values = {"size": n} | of_mass | blocks
+    kinds, of_links = check_links(links, names, n)
+    values = {"size": n} | of_links | of_mass | blocks  # events read the links, whose places are found faster if first
     has |= set(matrices)
     if damping is not None:
         values |= _of_damping(damping, mass, matrices.get("K"))
@@ -117,11 +118,7 @@ def linear(
         is_function = isinstance(force, Jitted)
         values |= {} if is_function else check_table(force, n)
         has.add("force" if is_function else "table")
-    kinds: tuple[Kind, ...] = ()
-    if links:
-        kinds, of_links = check_links(links, names, n)
-        values |= of_links
-        has.add("links")
+    has |= {"links"} if kinds else set()
     own = {} if params is None else Parameters(params)._asdict()
     taken = sorted({*own} & {*values})
     if taken:

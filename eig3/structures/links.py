@@ -88,6 +88,8 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
         if "rate_after" in law.functions():
             raise ValueError(f"{said} changes velocities at events, which a structure does not take: use a scene.")
         parts.setdefault(kind, []).append((ends, law.columns(ends[0].shape, 1)))
+    if not parts:
+        return (), {}
     values: dict[str, Any] = {"states": 0}
     titles = [kind.title for kind in parts]
     kinds = sorted(parts, key=lambda kind: titles.index(kind.title))  # the states of a title are together

@@ -55,7 +55,7 @@ _SPACINGS, _CLEAR = 4, 4  # spacings of a value that count as round-off; the mul
 _GOLDEN = 0.6180339887498949  # the golden ratio: the fractions of its multiples are spread evenly
 _TOGETHER = 4  # events within this multiple of the tolerance of a root occur at the same time
 _LEAST_GAP = 2.0**-43  # a reset that follows another within this part of the time is the last one
-_OVERFLOWING = 1e100  # g may overflow, and be NaN, for states larger than this, even if it is correct
+_OVERFLOWING = 1e100  # g and resets may overflow for states larger than this, even if they are correct
 _SPREAD = 0.2  # the parameter kappa_1 of the ITP method, relative to the first interval; it has little effect
 
 _step, _state = (int64, vector_type, float64, float64, float64), (row_type,) * 2
@@ -309,7 +309,7 @@ def take(place, counters, k, t0, t, n, u, v, p):
     mine = EVENTS + EVENT_VALUES * k
     counters[LOGGED] += 1
     row[0], row[1] = k, t
-    outcome = PASSED
+    outcome, size = PASSED, size_of(u, v, n)
     for j in range(n):
         row[2 + j], row[2 + n + j] = u[j], v[j]
     FOLLOW(place, part, t, u, v, p)
@@ -322,7 +322,7 @@ def take(place, counters, k, t0, t, n, u, v, p):
             if (u[j] - u[j] != 0 and row[2 + j] - row[2 + j] == 0) or (
                 v[j] - v[j] != 0 and row[2 + n + j] - row[2 + n + j] == 0
             ):
-                outcome = NOT_FINITE
+                outcome = NOT_FINITE if size < _OVERFLOWING else outcome
         if outcome == PASSED:
             FOLLOW(place, part, t, u, v, p)
         counters[GAP] = t - counters[mine + LAST]
