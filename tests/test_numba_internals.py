@@ -39,6 +39,7 @@ def loaded(path):
 
 
 internals = loaded(FILE)
+internals_flat = internals.flat
 
 
 class ChangedError(AssertionError):
@@ -353,6 +354,38 @@ def test_an_array_over_memory():
 
     with probe("numba.np.arrayobj.populate_array does not make an array over memory"):
         assert summed(np.arange(1.0, 7.0)) == (3, 531.0)
+
+
+@pytest.mark.parametrize("kind", ["float64", "int64", "int32"])
+def test_a_part_of_an_array_counts_no_references(kind):
+    part, numbers = internals.part_of_array(kind), np.arange(12, dtype=kind)
+    x = np.concatenate([[-1.0], numbers.view(np.float64)])
+
+    def taken(x):
+        y = part(x, 1, (2, 3))
+        return y[1, 2] + 10 * y[0, 1] + 100 * y.shape[0]
+
+    jitted = numba.njit(taken)
+    with probe("numba.np.arrayobj.populate_array does not make a part of an array"):
+        assert jitted(x) == 5 + 10 + 200
+    body = jitted.inspect_llvm(jitted.signatures[0])
+    with probe("an array without meminfo is counted"):
+        assert "call void @NRT_incref" not in body[body.index("define") :].partition("\n}")[0]
+
+
+def test_a_part_of_the_values_in_a_lane():
+    """Every third number is of the lane; 32 bits of another number would be read in between."""
+    part, whole = internals.part_of_array("float64"), internals.part_of_array("int32")
+    jitted = numba.njit(lambda x: part(x, 1, (2,))[1])
+    with probe("a part of a strided array is not strided"):
+        assert jitted(np.arange(12.0)[::3]) == 6.0
+    with pytest.raises(numba.TypingError, match="only from parameters that all members share"):
+        numba.njit(lambda x: whole(x, 1, (2,))[1])(np.arange(12.0)[::3])
+
+
+def test_a_flat_array():
+    with probe("an array of several axes is not in one row"):
+        assert numba.njit(lambda x: internals_flat(x)[5])(np.arange(8.0).reshape(2, 2, 2)) == 5.0
 
 
 def test_floats_on_the_stack():

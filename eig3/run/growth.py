@@ -79,7 +79,7 @@ class Growth:
         u_natural, v_natural = self._natural
         self._size = max(u / u_natural if u_natural else 0.0, v / v_natural if v_natural else 0.0)
         self._is_overflowing = max(u, v) > OVERFLOWING
-        if self._strange is None and self._size > STRANGE:
+        if self._strange is None and (self._size > STRANGE or self._is_overflowing):
             self._strange = stepper.before()
 
     @property
