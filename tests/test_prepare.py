@@ -341,3 +341,21 @@ def test_what_is_found_later_of_a_short_run_takes_no_step_again(options, always_
     longer = run.extend(1.5, **further)
     np.testing.assert_array_equal(longer.u[: len(u) - 1], u[:-1])  # a last step to the end is taken again
     assert isinstance(run.notes, tuple)
+
+
+@eig3.jit
+def pushed(t, u, v, p):
+    return t - u
+
+
+def test_a_run_from_rest_is_done_once(monkeypatch):
+    """Its size is measured in the middle, which a short run cannot: it was done as a short run, and then again."""
+    tried = []
+    at_once = short.at_once
+    monkeypatch.setattr(short, "at_once", lambda *given: tried.append(at_once(*given)) or tried[-1])
+    prepared = eig3.prepare(pushed, h=0.01)
+    for start in (0.0, 1.0):
+        for _ in range(3):  # the first run measures the time of a step
+            prepared((0, 10), start, 0.0)
+    assert len(tried) in (2, 3)
+    assert None not in tried
