@@ -205,9 +205,10 @@ class EnsembleSolution:
         -------
         pandas.DataFrame
             The index is the number of the member in the whole ensemble. The columns are the parameters that differ
-            between members, status, h, n_steps and n_rhs; the drift of each invariant; for each event, its count and
-            the time of its first occurrence, NaN without one; the minimum and the maximum of each invariant and output,
-            and their times; and the time and the values of the last finite state, named as by `to_pandas`.
+            between members, without arrays of more than 24 values; status, h, n_steps and n_rhs; the drift of each
+            invariant; for each event, its count and the time of its first occurrence, NaN without one; the minimum and
+            the maximum of each invariant and output, their times, and the peak, the maximum of the size; and the time
+            and the values of the last finite state, named as by `to_pandas`.
 
         Raises
         ------

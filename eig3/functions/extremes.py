@@ -2,6 +2,8 @@
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 
 class Extremes(NamedTuple):
     """The extremes of an invariant or an output over a run, independent of the saved states, and their times.
@@ -26,3 +28,8 @@ class Extremes(NamedTuple):
     high: Any
     t_low: Any
     t_high: Any
+
+    @property
+    def peak(self) -> Any:
+        """The maximum of the size, max(-low, high)."""
+        return np.maximum(-np.asarray(self.low), self.high)

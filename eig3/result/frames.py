@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import importlib
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -11,6 +12,8 @@ import numpy as np
 from ..functions.layout import Layout
 from .labels import Labels
 
+_OF_EXTREMES = "minimum", "time of minimum", "maximum", "time of maximum", "peak"
+_LONGEST = 24  # values of a parameter that has columns of its own: a record of the ground has none
 _PLAIN = Labels()  # of degrees of freedom without names
 
 
@@ -56,8 +59,8 @@ def _of_members(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
         yield f"count of {name}", np.bincount(occurrences.member, minlength=len(solution))
         yield f"first {name}", occurrences.first
     for name, found in solution.extremes.items():
-        values = (found.low, found.t_low, found.high, found.t_high)
-        for what, column in zip(("minimum", "time of minimum", "maximum", "time of maximum"), values, strict=True):
+        values = (found.low, found.t_low, found.high, found.t_high, found.peak)
+        for what, column in zip(_OF_EXTREMES, values, strict=True):
             yield from _named(f"{what} of {name}", column)
     table = solution._table()
     last = np.searchsorted(table.member, solution.first + np.arange(len(solution)), side="right") - 1
@@ -66,14 +69,17 @@ def _of_members(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _varied_parameters(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the parameters that are not the same in all members."""
+    """Yield the parameters that are not the same in all members, without long arrays."""
     p = solution.params
     if p.ndim == 1:
         return
     layout = solution.labels.layout if solution.labels else ""
     names = Layout.of_text(layout).names_of(p[0]) if layout else [f"p[{i}]" for i in range(p.shape[1])]
+    whole = [name.partition("[")[0] for name in names]
+    counts = collections.Counter(whole) if layout else {}
     for i in np.flatnonzero((p != p[:1]).any(axis=0)):
-        yield names[i], p[:, i]
+        if counts.get(whole[i], 0) <= _LONGEST:
+            yield names[i], p[:, i]
 
 
 def ensemble_to_xarray(solution: Any) -> Any:
