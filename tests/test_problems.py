@@ -437,6 +437,6 @@ def test_copies_of_a_problem_have_its_exact_solution_and_its_picture(name):
         for function in ("exact", "continuum"):
             one, two = getattr(problem, function), getattr(other, function)
             assert (one is None) == (two is None)
-            if one is not None:
+            if one:
                 np.testing.assert_array_equal(two(solution.t), one(solution.t))
     np.testing.assert_array_equal(picture(pickled, solution), picture(problem, solution))

@@ -99,7 +99,7 @@ def frame_run(problem: Problem, h: float, steps: int) -> Callable[[], float]:
 def frame_history(problem: Problem, h: float, every: int, rows: int) -> np.ndarray:
     """Return the displacements of the joints after each so many steps, shape (rows, names), from a run as above.
 
-    The columns are those of `frame_names`. Rows after a step that does not converge are NaN.
+    `frame_names` names the columns. Rows after a step that does not converge are NaN.
     """
     ops, tags = _module(), _frame(problem)
     found = np.full((rows, len(frame_names(problem))), np.nan)

@@ -37,7 +37,7 @@ class Members:
     first : int
         The number of the first member in the whole ensemble.
     own : tuple of str
-        The names of the parameters that each member has of its own; empty if they are not known.
+        The names of the parameters with a value for each member; empty if they are not known.
     """
 
     form: Form

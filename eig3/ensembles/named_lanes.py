@@ -24,7 +24,7 @@ class NamedLanes:
     values : mapping
         The parameters of a member.
     own : tuple of str
-        The names of the parameters that each member has of its own.
+        The names of the parameters with a value for each member.
     """
 
     def __init__(self, layout: Layout, values: Mapping[str, Any], own: tuple[str, ...]) -> None:
@@ -42,7 +42,7 @@ class NamedLanes:
 
     @cached_property
     def columns(self) -> np.ndarray:
-        """The places in p of the parameters that each member has of its own."""
+        """The places in p of the parameters with a value for each member."""
         places = self._layout.places(self._values)
         return np.concatenate([np.arange(places[name].start, places[name].stop) for name in self._own])
 

@@ -29,7 +29,7 @@ class OfMembers(NamedTuple):
     flat : ndarray, shape (m, k) or (1, k)
         The array p of each member, or of all members.
     own : tuple of str
-        The names of the parameters that each member has of its own; empty if they are not known.
+        The names of the parameters with a value for each member; empty if they are not known.
     """
 
     flat: np.ndarray
@@ -81,7 +81,7 @@ def of_members(changes: Any, base: Parameters) -> OfMembers:
 
 
 def split(rhs: Any, params: Any, t0: float, u0: ArrayLike, v0: ArrayLike, h: ArrayLike) -> tuple[OfMembers, Parameters]:
-    """Return the parameters of the members, and those of the first member.
+    """Return the parameters of the members, and the parameters of the first member.
 
     An array whose first axis has the length of the ensemble has a value for each member.
 

@@ -187,7 +187,7 @@ class Layout:
         values : mapping
             The parameters of a member. All members have the same sizes.
         own : sequence of str
-            The parameters that each member has of its own, which are the second array. The first array has all.
+            The parameters with a value for each member, which are the second array. The first array has all.
         """
         key = self, tuple(own), tuple(np.shape(values[name]) for name in own)
         known = _bound_in_lanes.setdefault(function, {})

@@ -13,7 +13,7 @@ from ..functions.layout import Layout
 from .labels import Labels
 
 _OF_EXTREMES = "minimum", "time of minimum", "maximum", "time of maximum", "peak"
-_LONGEST = 24  # values of a parameter that has columns of its own: a record of the ground has none
+_LONGEST = 24  # values of a parameter with columns: a record of the ground has none
 _PLAIN = Labels()  # of degrees of freedom without names
 
 

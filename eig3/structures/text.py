@@ -67,7 +67,7 @@ class Loops:
     n, modes = "p.size", "p.modes.shape[0]"
 
     def begin_forces(self, out: Writer, function: str) -> None:
-        """Set the forces on single degrees of freedom to those of the user's function, if there is one, or to 0."""
+        """Set the forces on single degrees of freedom to 0, or to the forces of the user's function."""
         with out.block("for i in range(a.size)"):
             out.line("a[i] = 0.0")
         out.line(*[function] * bool(function))
@@ -82,7 +82,7 @@ class Loops:
             yield "row"
 
     def rows_of_threads(self, out: Writer, threads: int) -> Iterator[str]:
-        """Do the same for rows that are shared by threads."""
+        """Write what follows for each row of blocks, if threads share the rows."""
         out.line(f"rows = n // {self.edge}")
         share = f"part * rows // {threads}, (part + 1) * rows // {threads}"
         with out.block(f"for part in prange({threads})"), out.block(f"for row in range({share})"):
