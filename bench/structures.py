@@ -110,31 +110,30 @@ def yielding(repeats: int, t_end: float = 10.0) -> list[list[str]]:
         return lambda: prepared().kernel_seconds
 
     truth = histories(_TRUTH)
-    codes: dict[str, tuple[Any, Any]] = {"EIG-3": (histories, timed)}
+    codes: dict[str, tuple[Any, Any, float]] = {"EIG-3": (histories, timed, problem.critical_step().limit)}
     if opensees.is_there():
-        codes["OpenSees, Newmark"] = of_opensees, lambda h: opensees.frame_run(problem, h, round(t_end / h))
-    runs, chosen = {}, {}
-    for code, (history, run) in codes.items():
-        for wanted, (h, error) in _reaching(history, truth).items():
-            runs[wanted, code], chosen[wanted, code] = run(h), (h, error)
-    seconds = {key: float(np.median(x)) for key, x in interleave(runs, repeats, "the frame that yields").items()}
-    return [
-        [
-            f"{wanted:g}",
-            code,
-            text.number(chosen[wanted, code][0]),
-            text.number(chosen[wanted, code][1]),
-            text.number(1e3 * value),
-            text.ratio(value / seconds[wanted, "EIG-3"]),
-        ]
-        for (wanted, code), value in sorted(seconds.items(), key=lambda pair: (-pair[0][0], pair[0][1]))
-    ]
+        codes["OpenSees, Newmark"] = of_opensees, lambda h: opensees.frame_run(problem, h, round(t_end / h)), _SAMPLE
+    runs: dict[str, Callable[[], float]] = {}
+    chosen: dict[str, tuple[float, str, float, float]] = {}
+    for code, (history, run, longest) in codes.items():
+        for wanted, (h, error) in _reaching(history, truth, longest).items():
+            name = f"{wanted:g}, {code}"
+            runs[name], chosen[name] = run(h), (wanted, code, h, error)
+    seconds = {name: float(np.median(x)) for name, x in interleave(runs, repeats, "the frame that yields").items()}
+    rows = []
+    for name, (wanted, code, h, error) in sorted(chosen.items(), key=lambda pair: (-pair[1][0], pair[1][1])):
+        ratio = seconds[name] / seconds[f"{wanted:g}, EIG-3"]
+        numbers = map(text.number, (h, error, 1e3 * seconds[name]))
+        rows.append([f"{wanted:g}", code, *numbers, text.ratio(ratio)])
+    return rows
 
 
-def _reaching(history: Callable[[float], np.ndarray], truth: np.ndarray) -> dict[float, tuple[float, float]]:
+def _reaching(
+    history: Callable[[float], np.ndarray], truth: np.ndarray, longest: float
+) -> dict[float, tuple[float, float]]:
     """Return for each error the longest step that reaches it, a part of the time between samples, and its error."""
     found: dict[float, tuple[float, float]] = {}
-    parts, largest = 1, np.abs(truth).max()
+    parts, largest = int(np.ceil(_SAMPLE / longest)), np.abs(truth).max()
     while len(found) < len(_ERRORS) and parts <= _SAMPLE / _TRUTH:
         u = history(_SAMPLE / parts)
         error = np.abs(u - truth).max() / largest if u.shape == truth.shape else np.nan

@@ -158,7 +158,7 @@ def test_eig3_keeps_its_order_in_the_ready_frame():
 
 
 def test_a_step_beyond_the_limit_ends_as_diverged():
-    """Yielding ends the growth, at 1e110 m: the run from rest once ended as completed, and a longer step in an error."""
+    """Yielding ends the growth at 1e110 m, where resets overflow: an error or a completed run would be wrong."""
     for h in (1e-3, 5e-3):
         run = problems.yielding_frame(t_end=10.0).integrate(h=h)
         assert run.status is eig3.Status.DIVERGED

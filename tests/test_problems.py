@@ -152,7 +152,8 @@ def test_only_the_effects_named_are_compiled_in_duffings_oscillator():
 @pytest.mark.parametrize("name", problems.__all__)
 def test_uses_velocity_says_whether_the_force_reads_it(name):
     problem = getattr(problems, name)()
-    u, v = np.array(problem.u0, dtype=float), np.full(np.shape(problem.u0), np.nan)
+    u, v = (np.array(x, dtype=float) for x in problem.start)  # with z, which the force reads after v
+    v.reshape(-1)[: np.size(problem.u0)] = np.nan
     u, v = (float(u), float(v)) if u.ndim == 0 else (u, v)
     assert np.isnan(acceleration(problem, 0.0, u, v)).any() == problem.uses_velocity
 

@@ -147,7 +147,8 @@ def _frame(problem: Problem) -> dict[str, int]:
             if name not in hinges:
                 ends.append(tags[at])
                 continue
-            k, tag = hinges[name], node(name, *places[at], [0.0, 0.0, float(masses[name])])
+            k, (x, y) = hinges[name], places[at]
+            tag = node(name, x, y, [0.0, 0.0, float(masses[name])])
             law = [p.link_0_yield_force[k], p.link_0_stiffness[k], p.link_0_hardening[k]]
             ops.uniaxialMaterial("Steel01", tag, *map(float, law))
             ops.equalDOF(tags[at], tag, 1, 2)
