@@ -349,13 +349,27 @@ def pushed(t, u, v, p):
 
 
 def test_a_run_from_rest_is_done_once(monkeypatch):
-    """Its size is measured in the middle, which a short run cannot: it was done as a short run, and then again."""
+    """Its size is measured in the middle; it was done as a short run without this size, and then again."""
     tried = []
     at_once = short.at_once
     monkeypatch.setattr(short, "at_once", lambda *given: tried.append(at_once(*given)) or tried[-1])
     prepared = eig3.prepare(pushed, h=0.01)
-    for start in (0.0, 1.0):
-        for _ in range(3):  # the first run measures the time of a step
-            prepared((0, 10), start, 0.0)
-    assert len(tried) in (2, 3)
+    for _ in range(3):  # the first run measures the time of a step
+        run = prepared((0, 10), 0.0, 0.0)
+    assert len(tried) >= 2
     assert None not in tried
+    monkeypatch.setattr(short, "MOST_SECONDS", 0.0)
+    assert_same(run, prepared((0, 10), 0.0, 0.0))
+    assert_same(run.extend(12.0), prepared((0, 12), 0.0, 0.0))
+
+
+@eig3.jit
+def pushed_and_pulled(t, u, v, p):
+    return t - 1.01e4 * u
+
+
+def test_a_run_from_rest_that_grows_because_of_its_step_ends_as_diverged():
+    """omega h = 2.01, so u grows by 1.2 a step and is not beyond the range of floats: also after 1000 more steps."""
+    prepared = eig3.prepare(pushed_and_pulled, h=0.02)
+    runs = [prepared((0, 10), 0.0, 0.0) for _ in range(3)]
+    assert [run.status for run in runs] == [eig3.Status.DIVERGED] * 3

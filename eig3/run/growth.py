@@ -36,6 +36,8 @@ class Growth:
     def __init__(self, stepper: Stepper, n_steps: int) -> None:
         self._h, self._first = stepper.h, stepper.first_sizes
         self._set_span(n_steps)
+        if stepper.middle_sizes:
+            self._natural = stepper.middle_sizes
         self._strange: Stepper | None = None
         self._size, self._is_overflowing = 0.0, False
 

@@ -185,8 +185,6 @@ class Prepared:
             pace = self._system.pace.get(stepper.kernel.pace_key)
             if pace is None or not steps or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
                 return None
-            if not tolerances and stepper.first_sizes[1:] == (0.0, 0.0):  # a `Run` measures the size in the middle
-                return None
             if tolerances:
                 seconds = max(short.TRIED_SECONDS, _LONGER * steps * pace)
                 steps = min(tolerances.max_steps, int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE)))

@@ -24,7 +24,7 @@ from .chunks import Run, ended_by_event, solution_of
 from .fixed_run import grid
 from .growth import STRANGE, natural_sizes
 
-_NONE = np.empty(0)
+_NONE, _AT_REST = np.empty(0), (0.0, 0.0)
 # Duration of a short run, by the time per step of an earlier run. Ctrl-C waits for it. Slices would take a fifth longer
 # for runs of 1 ms.
 MOST_SECONDS = 5e-3
@@ -65,14 +65,18 @@ def at_once(
             look.save_wanted({"u": u, "v": v} if is_fixed else {"u": u, "v": v, "steps": h}, stepper.n)
             counters[NEXT], rows = row, (t[:0], h[:0], u[:0], v[:0])
         arguments = look.arguments
-    kernel, steps = stepper.kernel, stepper.steps(most, every, row, rows)
+    kernel, from_rest = stepper.kernel, is_fixed and stepper.first_sizes[1:] == _AT_REST
+    steps = stepper.steps(most // 2 if from_rest else most, every, row, rows)
     begin = time.perf_counter()
     taken, row, ended = kernel.call(kernel.callbacks, state, kernel.settings, counters, steps, arguments)
-    if ended == BEFORE_END:
+    if ended == BEFORE_END or (from_rest and ended == GOING):
         stepper.index = taken
         if look:
             look.collect(counters)
-        stepper.shorten(row)
+        if from_rest:
+            stepper.middle_sizes = stepper.sizes
+        else:
+            stepper.shorten(row)
         steps = stepper.steps(most - taken, every, row, rows)
         taken, row, ended = kernel.call(kernel.callbacks, state, kernel.settings, counters, steps, arguments)
     stepper.seconds += time.perf_counter() - begin
@@ -160,7 +164,7 @@ def _is_well(stepper: Any, is_fixed: bool, most: int) -> bool:
             return False
     if not is_fixed:
         return bool(u < math.inf and v < math.inf)
-    u_natural, v_natural = natural_sizes(stepper.first_sizes, most * stepper.h)
+    u_natural, v_natural = stepper.middle_sizes or natural_sizes(stepper.first_sizes, most * stepper.h)
     return bool(u < STRANGE * u_natural and v < STRANGE * v_natural)
 
 

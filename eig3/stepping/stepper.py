@@ -91,6 +91,8 @@ class Stepper(March):
         If two threads use the stepper at the same time; raised in the second thread.
     """
 
+    middle_sizes: tuple[float, float] | None = None  # the sizes in the middle of a short run that starts at rest
+
     @with_suggestions()
     def __init__(
         self,
