@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse
 
 import eig3
-from eig3.effects import BoucWen, Cable, ElasticPlastic, LinearDamper, LinearSpring, Link, MassImpact, Maxwell
+from eig3.effects import BoucWen, Cable, ElasticPlastic, Gap, LinearDamper, LinearSpring, Link, MassImpact, Maxwell
 from eig3.scene import Scene
 from eig3.structures import Frame, Section, base_shear, link_forces, storey_drifts
 
@@ -114,6 +114,23 @@ def test_a_link_with_an_event_and_without_a_state():
     assert len(run.events["cable 0"]) > 2
     np.testing.assert_allclose(run.events["cable 0"].u[:, 0], 0.1, rtol=0, atol=1e-7)
     assert run.z == {}
+
+
+@pytest.mark.parametrize("damping", [0.0, 2.0])
+def test_a_mass_bounces_behind_a_gap(damping):
+    """The contact lasts half a period, or less with damping: the mass separates where the force is 0."""
+    problem = eig3.linear([1.0], links=[(Gap(100.0, 0.1, damping=damping), 0, None)], t_span=(0, 1), v0=[1.0])
+    run = problem.integrate(rtol=1e-10)
+    decay, times = damping / 2, run.events["gap 0"].t
+    omega = np.sqrt(100 - decay**2)
+    assert len(times) == 2
+    assert times[0] == pytest.approx(0.1, abs=1e-9)
+    # x = e^(-decay t) sin(omega t) / omega; the acceleration is 0 at the end
+    end = np.pi - np.arctan2(2 * decay * omega, omega**2 - decay**2)
+    assert times[1] - times[0] == pytest.approx((end if damping else np.pi) / omega, abs=1e-8)
+    contact = times[1] - times[0]
+    v = np.exp(-decay * contact) * (np.cos(omega * contact) - decay / omega * np.sin(omega * contact))
+    assert run.v[-1, 0] == pytest.approx(v, abs=1e-8)
 
 
 def test_links_of_one_effect_with_other_functions_have_numbers_of_their_own():

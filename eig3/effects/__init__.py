@@ -15,6 +15,7 @@ from .coulomb import Coulomb
 from .coulomb_friction import CoulombFriction
 from .dihedral import Dihedral
 from .elastic_plastic import ElasticPlastic
+from .gap import Gap
 from .gravity import Gravity
 from .hardening_spring import HardeningSpring
 from .harmonic_angle import HarmonicAngle
@@ -63,6 +64,7 @@ __all__ = [
     "Dihedral",
     "ElasticPlastic",
     "FrictionalContact",
+    "Gap",
     "Gravity",
     "HardeningSpring",
     "HarmonicAngle",
