@@ -168,8 +168,8 @@ def test_the_force_depends_on_the_velocity_if_the_effect_reads_it(name, dimensio
 def test_the_change_of_energy_is_the_work_done(name):
     """With RK4 at h = 1e-4 and energies of some 10 J.
 
-    The error is round-off where the force is smooth. The kink of a contact, cable or gap leaves some h^2, and a jump of the
-    support's velocity leaves h times the jump of the power.
+    The error is round-off where the force is smooth. The kink of a contact, cable or gap leaves some h^2, and a jump of
+    the velocity of the support leaves h times the jump of the power.
     """
     solution = scene_with(name, 2, work=True).integrate(h=1e-4, method="rk4", save_every=None)
     has_kink = any(kind in name for kind in ("contact", "cable", "gap"))
