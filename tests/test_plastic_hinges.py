@@ -193,3 +193,26 @@ def test_hinges_need_inertia_and_a_plane():
         space.member("a", "b", COLUMN, hinges={"start": law})
     with pytest.raises(ValueError, match="where the member has a moment"):
         frame.member("a", "c", COLUMN, releases="start", hinges={"start": law})
+
+
+def test_hinges_are_looked_at_together_and_one_by_one_with_the_same_bits(monkeypatch):
+    """Also if the events of a run are some of the family, in another order."""
+    from eig3.functions import families
+
+    def runs():
+        problem = problems.yielding_frame(t_end=4.0)
+        names = [*problem.events]
+        chosen = {name: problem.events[name] for name in [*names[20:], *names[1:12]]}
+        for events in (problem.events, chosen):
+            yield problem.prepare(h=4e-4, events=events, invariants={})()
+
+    together = [*runs()]
+    assert together[0]._extend().stepper.system.event_table[0, 4] == 34
+    assert together[1]._extend().stepper.system.event_table[[0, 13, 14], 4].tolist() == [14, 1, 11]
+    monkeypatch.setattr(families, "LEAST_TOGETHER", 1000)
+    for one, other in zip(together, runs(), strict=True):
+        assert (other._extend().stepper.system.event_table[:, 4] == 1).all()
+        assert sum(len(found) for found in one.events.values()) > 20
+        np.testing.assert_array_equal(one.u, other.u)
+        for name, found in one.events.items():
+            np.testing.assert_array_equal(found.t, other.events[name].t)

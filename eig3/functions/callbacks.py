@@ -96,6 +96,8 @@ class Callback:
         False if the function certainly does not read its first argument, t.
     captured : tuple of Captured
         The global and closure values that were compiled into the function and into the functions that it calls.
+    quiet : (int, int)
+        For an event of a large family, the address of `quiet_together`, and its number in the family; otherwise zeros.
     pace : dict
         Measured seconds per step of the kernels that called it, by kernel and number of degrees of freedom.
     """
@@ -107,6 +109,7 @@ class Callback:
     reads_velocity: bool
     reads_time: bool
     captured: tuple[Captured, ...]
+    quiet: tuple[int, int] = (0, 0)
     pace: dict[tuple, float] = field(default_factory=dict)
 
 

@@ -10,9 +10,13 @@ import numba
 
 from ..kernels.compile.captured import helpers_first
 from ..kernels.compile.interrupt import DeferredInterrupt
-from ..kernels.compile.numba_internals import Jitted, addresses_of_members, call_without_checks
+from ..kernels.compile.jit import bound, compiled
+from ..kernels.compile.numba_internals import Jitted, address_of, addresses_of_members, call_without_checks
+from ..kernels.loops.zeros import of_quiet, quiet_together
 from ..kernels.protocol import Form
 from .callbacks import Callback, compile_present, is_present, jit, reads_time, reads_velocity
+
+LEAST_TOGETHER = 8  # members of a family that are looked at together: for fewer, the function is not worth compiling
 
 
 class Family:
@@ -66,6 +70,7 @@ class Family:
         addresses, library = addresses_of_members(result, len(self.members))
         self._libraries.append(library)
         captured = tuple(captured for _, captured in helpers_first(function))
+        quiet = self._quiet(form) if kind == "event" and len(addresses) >= LEAST_TOGETHER else 0
         return [
             Callback(
                 address,
@@ -75,6 +80,14 @@ class Family:
                 reads_velocity(member),
                 reads_time(member),
                 captured,
+                (quiet, k),
             )
             for k, (address, member) in enumerate(zip(addresses, self.members, strict=True))
         ]
+
+    def _quiet(self, form: Form) -> int:
+        """Compile the function that looks at several members together, and return its address."""
+        function = jit(self._function.py_func, cache=False, forceinline=True)  # what members share leaves the loop
+        result = compiled(jit(bound(quiet_together, {"FUNCTION": function})), of_quiet(form).args)
+        self._libraries.append(result)
+        return address_of(result)

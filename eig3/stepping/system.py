@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,7 +69,7 @@ class System:
         The work that the threads of a run share.
     event_callbacks : list of (Callback, Callback or None)
         For each event, g and apply.
-    event_table : ndarray, shape (k, 4)
+    event_table : ndarray, shape (k, 7)
         The table of events for a kernel; see `eig3.kernels.protocol.Watch`.
     history : list of Callback or None
         The functions of the history of the right-hand side, if it has one.
@@ -112,11 +112,12 @@ class System:
         if self.method.jacobian is not None:
             self._check(self.method.jacobian, "jacobian", form)
         self.event_callbacks = [self._check_event(name, event) for name, event in self.events.items()]
+        together = _together([g.quiet for g, _ in self.event_callbacks])
         table = [
-            (g.address, apply.address if apply else 0, event.direction, event.terminal)
-            for (g, apply), event in zip(self.event_callbacks, self.events.values(), strict=True)
+            (g.address, apply.address if apply else 0, event.direction, event.terminal, count, *g.quiet)
+            for (g, apply), event, count in zip(self.event_callbacks, self.events.values(), together, strict=True)
         ]
-        self.event_table = np.array(table, dtype=np.int64).reshape(len(table), 4)
+        self.event_table = np.array(table, dtype=np.int64).reshape(len(table), 7)
         self.history = history and [self._check(function, "invariant", form) for function in history]
         self.constrained_step = constraints and address_of(
             compiled(constraints.constrained_step, form.constrained_step.args)
@@ -152,6 +153,16 @@ class System:
     def is_present(self) -> bool:
         """Whether no function was recompiled since, and all values that were compiled into functions are unchanged."""
         return all(check_callback(*arguments) is callback for arguments, callback in self._checked)
+
+
+def _together(quiet: Sequence[tuple[int, int]]) -> list[int]:
+    """Return for each event the number of events from it on that are neighbours in a family."""
+    counts = [1] * len(quiet)
+    for k in range(len(quiet) - 1, 0, -1):
+        address, number = quiet[k]
+        if address and quiet[k - 1] == (address, number - 1):
+            counts[k - 1] = counts[k] + 1
+    return counts
 
 
 def remembered(rhs: Any, form: Form, options: RunOptions) -> System:

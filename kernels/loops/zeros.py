@@ -12,7 +12,7 @@ from typing import Any
 
 from numba.types import Tuple, float64, int64, none
 
-from ..compile.jit import bound, element, linked, outlined
+from ..compile.jit import bound, element, function_at, linked, outlined
 from ..protocol import (
     ENDED_BY,
     EVENT_VALUES,
@@ -44,7 +44,7 @@ LATER = 4.0  # the step after a reset is at most this multiple of the time since
 
 EPSILON = 2.0**-52
 NEAR = 16  # spacings of t by which the computed time of an event, or t0 + n h, may be wrong
-G, _APPLY, _DIRECTION, _IS_TERMINAL = range(4)  # the columns of `Watch.events`
+G, _APPLY, _DIRECTION, _IS_TERMINAL, TOGETHER, QUIET, NUMBER = range(7)  # the columns of `Watch.events`
 SIDE, LAST, _FREE, _LEVEL = range(EVENT_VALUES)  # the values of an event in the counters, from `EVENTS` on
 _DUE, _CROSSING, _END, _HERE = range(4)  # the rows of `Watch.search`
 _NEVER = math.inf  # stands for the fraction of the step at which g changes its sign, if it does not
@@ -66,11 +66,29 @@ OF_TIMES = none(*_step, int64, matrix_type, *_state, vector_type)
 
 
 def is_quiet(watch, counters, t, u, v, p):
-    """Return whether every g still has its sign. A product is used, because it is false for zero and for NaN."""
-    for k in range(len(watch.events)):
-        if not EVENT(watch.events[k, G], t, u, v, p) * counters[EVENTS + EVENT_VALUES * k + SIDE] > 0:
+    """Return whether every g still has its sign."""
+    k = 0
+    while k < len(watch.events):
+        count, side = watch.events[k, TOGETHER], EVENTS + EVENT_VALUES * k + SIDE
+        if count > 1:
+            address, first = watch.events[k, QUIET], watch.events[k, NUMBER]
+            if QUIET_AT(address)(first, count, side, counters, t, u, v, p) == 0:
+                return False
+        elif not EVENT(watch.events[k, G], t, u, v, p) * counters[side] > 0:
             return False
+        k += count
     return True
+
+
+def quiet_together(first, count, side, counters, t, u, v, p):
+    """Return 1 if every g of neighbouring members of a family still has its sign, else 0.
+
+    What the members have in common is read once. The product is not positive for zero and for NaN.
+    """
+    for k in range(count):
+        if not FUNCTION(float(first + k), t, u, v, p) * counters[side + EVENT_VALUES * k] > 0:
+            return 0
+    return 1
 
 
 def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end, u, v, p):
@@ -363,7 +381,12 @@ def followed(place, part, t, u, v, p):
 @functools.cache  # so that kernels share the compiled elements
 def quiet(form: Form) -> Any:
     """Return the element `is_quiet` for one form of right-hand side."""
-    return element(bound(is_quiet, {"EVENT": event_of(form)}))
+    return element(bound(is_quiet, {"EVENT": event_of(form), "QUIET_AT": function_at(of_quiet(form))}))
+
+
+def of_quiet(form: Form) -> Any:
+    """Return the signature of `quiet_together`."""
+    return int64(int64, int64, int64, vector_type, *form.invariant.args)
 
 
 @functools.cache
