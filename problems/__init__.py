@@ -23,6 +23,7 @@ from .hardening_spring import hardening_spring as hardening_spring
 from .henon_heiles import henon_heiles as henon_heiles
 from .hertz_impact import hertz_impact as hertz_impact
 from .hopper import hopper as hopper
+from .isolated_building import isolated_building as isolated_building
 from .jelly import jelly as jelly
 from .kepler import kepler as kepler
 from .outer_solar_system import outer_solar_system as outer_solar_system

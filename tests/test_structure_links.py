@@ -263,3 +263,17 @@ def test_many_links_are_one_loop():
     assert sources[0] == sources[1]
     assert len(many.events) == 100
     assert many.integrate(h=0.01).success
+
+
+def test_the_ready_building_on_isolators_strikes_the_wall_of_its_moat():
+    """The period after yield is that of the whole mass on the isolators: its softest mode without links is rigid."""
+    narrow, wide = (eig3.problems.isolated_building(gap=gap, t_end=8.0, work=True) for gap in (0.2, 1.0))
+    runs = [problem.integrate(h=4e-4) for problem in (narrow, wide)]
+    base = [np.abs(run.u[:, narrow.names.index("0A.ux")]).max() for run in runs]
+    assert 0.2 < base[0] < 0.22 < base[1] < 1.0
+    assert len(runs[0].events["gap 0"]) >= 2 > len(runs[1].events["gap 0"])
+    for problem, run in zip((narrow, wide), runs, strict=True):
+        assert run.drift["energy"] < 1e-4 * np.abs(run.z["work"]).max()
+        total = problem.params.m[[name.endswith("ux") for name in problem.names]].sum()
+        stiffness = (problem.params.link_0_stiffness * problem.params.link_0_hardening).sum()
+        assert 2 * np.pi * np.sqrt(total / stiffness) == pytest.approx(2.5, rel=0.05)  # members have masses too
