@@ -10,7 +10,17 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 import eig3
-from eig3.effects import BoucWen, ElasticPlastic, HarmonicForce, LinearDamper, LinearSpring, Link, Maxwell, Rod
+from eig3.effects import (
+    BoucWen,
+    ElasticPlastic,
+    GiuffreMenegottoPinto,
+    HarmonicForce,
+    LinearDamper,
+    LinearSpring,
+    Link,
+    Maxwell,
+    Rod,
+)
 from eig3.scene import Scene
 
 
@@ -82,14 +92,15 @@ def test_an_elastic_plastic_step_response():
     assert errors[0] / errors[1] > 16 ** (2 - 0.3)  # four halvings, of the second order
 
 
+@pytest.mark.parametrize("law", [ElasticPlastic, GiuffreMenegottoPinto])
 @pytest.mark.parametrize("n", [1, 3])
-def test_eig3_keeps_its_order_on_yielding_chains(n):
+def test_eig3_keeps_its_order_on_yielding_chains(n, law):
     """Yielding begins and ends within steps, so single ratios scatter: the mean over five halvings counts."""
     scene = Scene(dimension=1)
     before = ground = scene.fixed([0.0])
     for k in range(n):
         point = scene.mass(1.0, [1.0 + k])
-        scene.add(ElasticPlastic(40.0, 2.0, 0.05, 1.0), before, point)
+        scene.add(law(40.0, 2.0, 0.05, rest_length=1.0), before, point)
         before = point
     scene.add(LinearDamper(0.3), ground, before)
     scene.add(HarmonicForce([6.0], 5.6), before)
@@ -217,6 +228,16 @@ OF_OPENSEES = {
         [ElasticPlastic(40.0, 2.0, 0.05)],
         [-0.4204330527, -0.2548807848, 0.0692462457, 0.2283617675, 0.2419160113],
         [-0.4203449243, -0.2548613812, 0.0692226161, 0.2283500695, 0.2419211849],
+    ),
+    'uniaxialMaterial("Steel02", 1, 2.0, 40.0, 0.05, 20.0, 0.925, 0.15)': (
+        [GiuffreMenegottoPinto(40.0, 2.0, 0.05)],
+        [-0.4513607895, -0.2323351755, 0.0972645945, 0.2207225762, 0.2219407236],
+        [-0.4512793043, -0.2323305762, 0.0972527511, 0.2207254604, 0.2219471693],
+    ),
+    'uniaxialMaterial("Steel02", 1, 2.0, 40.0, 0.02, 10.0, 0.9, 0.2)': (
+        [GiuffreMenegottoPinto(40.0, 2.0, 0.02, 10.0, 0.9, 0.2)],
+        [-0.4618601721, -0.3496064743, -0.0159439125, 0.1812188607, 0.2047035615],
+        [-0.4617611182, -0.3495640418, -0.0159275511, 0.1812405422, 0.2047322452],
     ),
     'uniaxialMaterial("BoucWen", 1, 0.1, 40.0, 1.0, 10.0, 10.0, 1.0, 0.0, 0.0, 0.0)': (
         [BoucWen(40.0, 0.05, 0.1)],

@@ -8,7 +8,18 @@ import pytest
 import scipy.sparse
 
 import eig3
-from eig3.effects import BoucWen, Cable, ElasticPlastic, Gap, LinearDamper, LinearSpring, Link, MassImpact, Maxwell
+from eig3.effects import (
+    BoucWen,
+    Cable,
+    ElasticPlastic,
+    Gap,
+    GiuffreMenegottoPinto,
+    LinearDamper,
+    LinearSpring,
+    Link,
+    MassImpact,
+    Maxwell,
+)
 from eig3.scene import Scene
 from eig3.structures import Frame, Section, base_shear, link_forces, storey_drifts
 
@@ -20,6 +31,8 @@ LINKS = [
     (BoucWen(20.0, 0.05, 0.1), None, 0),
     (ElasticPlastic(40.0, 1.0, 0.05), 0, 1),
     (ElasticPlastic(40.0, 1.0, 0.05), [1], [2]),
+    (GiuffreMenegottoPinto(15.0, 0.5, 0.05), None, "b"),
+    (GiuffreMenegottoPinto(15.0, 0.5, 0.05), "b", "c"),
     (Maxwell(10.0, 2.0), "a", "c"),
     (LinearDamper(0.2), None, 2),
 ]
@@ -36,7 +49,7 @@ def as_a_scene(force):
     scene.add(LinearSpring(20.0), ground, masses[0])
     scene.add(LinearSpring(10.0), masses[:2], masses[1:])
     for law, first, second in LINKS:
-        ends = [{"a": 0, "c": 2}.get(x, x) if isinstance(x, str) else x for x in (first, second)]
+        ends = [{"a": 0, "b": 1, "c": 2}.get(x, x) if isinstance(x, str) else x for x in (first, second)]
         ends = [ground if x is None else masses[int(np.ravel(x)[0])] for x in ends]
         scene.add(law, *ends)
     scene.add(force, masses)
@@ -61,7 +74,9 @@ def test_a_structure_with_links_moves_as_the_same_scene():
     for name in ("bouc wen", "maxwell"):
         np.testing.assert_allclose(run.z[name], other.z[name], rtol=0, atol=2e-4 * np.abs(run.u).max())
     assert run.z["elastic plastic"].shape == (9, 2)
-    assert [*problem.events] == ["elastic plastic 0", "elastic plastic 1"]
+    kinds = ("elastic plastic", "giuffre menegotto pinto")
+    assert [*problem.events] == [f"{kind} {k}" for kind in kinds for k in range(2)]
+    assert run.z["giuffre menegotto pinto"].shape == (9, 12)
     assert len(run.events["elastic plastic 0"]) == len(other.events["elastic plastic 0"]) > 3
 
 
@@ -171,7 +186,7 @@ def test_the_forces_of_links_and_the_base_shear(links):
     assert run.extremes["links"].high.shape == (count,)
     if count > 1:
         np.testing.assert_allclose(pulls[:, 0], 2 * run.u[:, 0] + 18 * run.z["bouc wen"], rtol=0, atol=1e-11)
-        np.testing.assert_allclose(pulls[:, 3], 10 * run.z["maxwell"], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(pulls[:, 5], 10 * run.z["maxwell"], rtol=0, atol=1e-11)
         stretch = np.diff(run.u, axis=1)
         elastic = 40 * (stretch - run.z["elastic plastic"])
         np.testing.assert_allclose(pulls[:, 1:3], np.clip(elastic, 2 * stretch - 0.95, 2 * stretch + 0.95), atol=1e-11)

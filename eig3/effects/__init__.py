@@ -16,6 +16,7 @@ from .coulomb_friction import CoulombFriction
 from .dihedral import Dihedral
 from .elastic_plastic import ElasticPlastic
 from .gap import Gap
+from .giuffre_menegotto_pinto import GiuffreMenegottoPinto
 from .gravity import Gravity
 from .hardening_spring import HardeningSpring
 from .harmonic_angle import HarmonicAngle
@@ -65,6 +66,7 @@ __all__ = [
     "ElasticPlastic",
     "FrictionalContact",
     "Gap",
+    "GiuffreMenegottoPinto",
     "Gravity",
     "HardeningSpring",
     "HarmonicAngle",

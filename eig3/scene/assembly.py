@@ -363,7 +363,7 @@ def numbered(cloud: Cloud, placed: Sequence[Placed]) -> tuple[list[Placed], list
     rates: Counter[str] = Counter()
     for law in placed:
         if RATE in law.effect.functions():
-            rates[words(law.effect.title)] += law.points[0].size if law.points else count
+            rates[words(law.effect.title)] += law.effect.state_size * (law.points[0].size if law.points else count)
     firsts = dict(zip(rates, np.cumsum([0, *rates.values()]).tolist(), strict=False))
     for law in placed:
         effect, functions = law.effect, law.effect.functions()
@@ -376,12 +376,13 @@ def numbered(cloud: Cloud, placed: Sequence[Placed]) -> tuple[list[Placed], list
             columns[EVENT] = len(events) + np.arange(size)
             events += names
             if "state_after" in functions:
-                columns[STATE] = len(states) + np.arange(size)
-                states += names
+                numbers = range(effect.state_size)
+                columns[STATE] = len(states) + len(numbers) * np.arange(size)
+                states += names if len(numbers) == 1 else [f"{name} {k}" for name in names for k in numbers]
         if RATE in functions:
             title, size = words(effect.title), law.points[0].size if law.points else count
-            columns[STATE] = firsts[title] + np.arange(size)
-            firsts[title] += size
+            columns[STATE] = firsts[title] + effect.state_size * np.arange(size)
+            firsts[title] += effect.state_size * size
         found.append(replace(law, columns=columns))
     return found, events, states, dict(rates)
 

@@ -51,7 +51,7 @@ class Effect:
     ``velocity_after`` of a `Body` returns the new velocity, ``rate_after`` of a `Link` the new rate of the distance,
     and ``state_after`` the new state, from the values before the event. A state is a number that every function of the
     effect can take as its argument `state`: it is 0 at the start and constant between events. Each point or pair has a
-    separate event and state.
+    separate event and state. With the class variable `state_size`, a state is a tuple of so many numbers.
 
     With ``state_rate``, which returns the time derivative of the state, the state is a first-order unknown: it is 0 at
     the start, and `solution.z` has it under the name of the effect.
@@ -94,6 +94,7 @@ class Effect:
     needs: ClassVar[tuple[str, ...]] = ()  # an effect has at least one of these functions
     takes: ClassVar[tuple[int, ...]] = ()  # the possible numbers of arguments of points
     cutoff_field: ClassVar[str] = ""  # see `Link`
+    state_size: ClassVar[int] = 1
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -284,13 +285,15 @@ class Effect:
         """Return the types of those arguments of a function that are not numbers."""
         sizes = {field: self.components(field, dimension) for field in self.vectors}
         sizes |= {argument: dimension for argument in ("x", "v") if argument in self.offers[name]}
+        sizes |= {"state": self.state_size} if self.state_size > 1 else {}
         given: dict[str, Any] = {x: numba.types.UniTuple(numba.float64, size) for x, size in sizes.items()}
         return given | dict.fromkeys(self.arrays, _ARRAY)
 
     def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
         """Refuse a function that returns a wrong type."""
         vectors = dict.fromkeys(("force", "acceleration", "velocity_after"), dimension)
-        numbers = {**vectors, "motion": 2}.get(name)
+        of_state = dict.fromkeys(("state_after", RATE), self.state_size) if self.state_size > 1 else {}
+        numbers = {**vectors, **of_state, "motion": 2}.get(name)
         parts = [returned] if numbers is None else list(returned) if isinstance(returned, numba.types.BaseTuple) else []
         if len(parts) != (numbers or 1) or not all(isinstance(unliteral(part), REAL) for part in parts):
             wanted = "a number" if numbers is None else f"a tuple of {numbers} number{'s' * (numbers > 1)}"

@@ -48,7 +48,8 @@ class Placed:
     def call(self, name: str, member: int, given: dict[str, Any]) -> Any:
         """Call a function for a member, with the given arguments, and otherwise with its parameters."""
         function = self.effect.functions()[name]
-        values = {"state": 0.0, **given}
+        size = self.effect.state_size
+        values = {"state": 0.0 if size == 1 else (0.0,) * size, **given}
         return function(*(values[a] if a in values else self.value(a, member) for a in arguments(function)))
 
     def take(self, members: np.ndarray) -> Placed:

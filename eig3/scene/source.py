@@ -183,9 +183,9 @@ class Source(Writer):
         if STATE in columns:
             number, has_rate = columns[STATE], RATE in functions
             array, first = ("v", self._first_rate) if has_rate else ("u", self._first_state)
-            columns[STATE] = Other(lambda member: entry(array, first, f"index({number.of(member)})"), False)
+            columns[STATE] = Other(lambda member: state(array, first, number.of(member), effect.state_size), False)
             if has_rate:
-                columns[RATE] = Other(lambda member: entry("a", first, f"index({number.of(member)})"), False)
+                columns[RATE] = Other(lambda member: state("a", first, number.of(member), effect.state_size), False)
         members = len(law.columns["direction"]) if "direction" in law.columns else 1
         stem = words(effect.title).replace(" ", "_")
         names = {name: self._name(f"{stem}_{name}") for name in (*functions, *columns)}
@@ -216,6 +216,12 @@ class Source(Writer):
             taken.add(names[f"${number}"])
         functions = {names.get(name, name): function for name, function in self.functions.items()}
         return re.sub(r"\$\d+", lambda found: names[found[0]], source), functions
+
+
+def state(array: str, first: int, number: str, size: int) -> str:
+    """Return the source of a state of `size` numbers, a tuple if there are several: also what an assignment changes."""
+    entries = [entry(array, first + k, f"index({number})") for k in range(size)]
+    return entries[0] if size == 1 else f"({', '.join(entries)})"
 
 
 def _inverse(values: np.ndarray) -> np.ndarray:

@@ -36,11 +36,14 @@ class Kind(NamedTuple):
     functions : tuple of (str, jitted function)
     crossing : int
         The changes of sign at which their events occur: see `eig3.effects.Link`.
+    size : int
+        The number of values of a state.
     """
 
     title: str
     functions: tuple[tuple[str, Any], ...]
     crossing: int
+    size: int
 
     @property
     def names(self) -> dict[str, Any]:
@@ -84,7 +87,7 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
         if (ends[0] == ends[1]).any():
             raise ValueError(f"{said} must join two different degrees of freedom, or one and None for the ground.")
         acting = {name: f for name, f in law.functions().items() if name in (*_PULLS, RATE, "event", "state_after")}
-        kind = Kind(words(law.title), tuple(acting.items()), law.crossing)
+        kind = Kind(words(law.title), tuple(acting.items()), law.crossing, law.state_size)
         if "rate_after" in law.functions():
             raise ValueError(f"{said} changes velocities at events, which a structure does not take: use a scene.")
         parts.setdefault(kind, []).append((ends, law.columns(ends[0].shape, 1)))
@@ -99,7 +102,7 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
         values |= {f"link_{k}_first": ends[0], f"link_{k}_second": ends[1]}
         for name in kind.fields():
             values[f"link_{k}_{name}"] = np.concatenate([columns[name] for _, columns in given])
-        values["states"] += ends.shape[1] * kind.has_state
+        values["states"] += ends.shape[1] * kind.size * kind.has_state
     return tuple(kinds), values
 
 
@@ -116,7 +119,8 @@ def write(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], 
                     out.line(f"{text.force(end)} {sign} pull")
         out.line(*["absorbed += pull * rate"] * has_power)
         if kind.has_state:
-            out.line(f"a[place + {s}] = {_call(k, kind, RATE, s) if RATE in kind.names else '0.0'}")
+            zeros = "0.0" if kind.size == 1 else f"({'0.0, ' * kind.size})"
+            out.line(f"{_state('a', kind, s)} = {_call(k, kind, RATE, s) if RATE in kind.names else zeros}")
 
 
 def write_output(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], what: str) -> None:
@@ -147,7 +151,7 @@ def _each(
             ]
             out.line(f"pull = {' + '.join(pulls)}")
             yield k, kind, s, (i, j)
-        out.line(*[f"place += p.link_{k}_first.size"] * kind.has_state)
+        out.line(*[f"place += {kind.size} * p.link_{k}_first.size"] * kind.has_state)
 
 
 def events_of(kinds: Sequence[Kind], values: dict[str, Any], layout: Layout) -> dict[str, Event]:
@@ -163,7 +167,7 @@ def events_of(kinds: Sequence[Kind], values: dict[str, Any], layout: Layout) -> 
                 name = f"{kind.title} {counts[kind.title] + s}"
                 found[name] = Event(g[s], kind.crossing, apply=apply[s] if changes else None)
             counts[kind.title] += count
-        before += f" + p.link_{k}_first.size" * kind.has_state
+        before += f" + {kind.size} * p.link_{k}_first.size" * kind.has_state
     return found
 
 
@@ -172,7 +176,7 @@ def states_of(kinds: Sequence[Kind], values: dict[str, Any]) -> dict[str, Any]:
     counts = Counter[str]()
     for k, kind in enumerate(kinds):
         if kind.has_state:
-            counts[kind.title] += len(values[f"link_{k}_first"])
+            counts[kind.title] += kind.size * len(values[f"link_{k}_first"])
     return {title: 0.0 if count == 1 else np.zeros(count) for title, count in counts.items()}
 
 
@@ -180,7 +184,7 @@ def _of_events(k: int, kind: Kind, before: str) -> list[Any]:
     """Return the functions of the events of a kind of links, and of the change of the state there."""
     names: dict[str, Any] = {"__name__": __name__, "index": index}
     out = Writer()
-    for head, result in (("event", "return float({})"), ("state_after", "v[place + s] = {}")):
+    for head, result in (("event", "return float({})"), ("state_after", f"{_state('v', kind, 's')} = {{}}")):
         with out.block(f"def {head}_of(member, t, u, v, p)"):
             out.line("s = index(member)", f"place = p.size{before}")
             if head in kind.names:
@@ -201,7 +205,14 @@ def _write_one(
         if end:
             with out.only_if(text.is_free(end)):
                 out.line(f"r {sign} u[{end}]", f"rate {sign} v[{end}]")
-    out.line(*[f"state = v[place + {s}]"] * kind.has_state)
+    out.line(*[f"state = {_state('v', kind, s)}"] * kind.has_state)
+
+
+def _state(array: str, kind: Kind, s: str) -> str:
+    """Return the source of the state of a link in an array, a tuple if it has several numbers."""
+    if kind.size == 1:
+        return f"{array}[place + {s}]"
+    return f"({', '.join(f'{array}[place + {kind.size} * {s} + {k}]' for k in range(kind.size))})"
 
 
 def _call(k: int, kind: Kind, name: str, s: str) -> str:
