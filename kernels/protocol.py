@@ -252,7 +252,8 @@ SPAN = types.NamedTuple(
 class Form:
     """The types for one form of right-hand side: the scalar form, or the vector form for n degrees of freedom.
 
-    An `invariant` returns its only value, as an output with one value does; an `output` writes its values. A
+    An `invariant` returns its only value, as an output with one value does; an `output` writes its values. `quiet` looks
+    at the events of a family: see `zeros.quiet_together`. A
     `constrained_step` changes u, v and the drift: it is a step of EIG-3 with constraints, for which there is no scalar
     form. A kernel has rows of n values also for one degree of freedom: `calls` has an element that calls a function of
     each kind of the scalar form with rows.
@@ -262,6 +263,7 @@ class Form:
     rhs: Any
     jacobian: Any
     invariant: Any
+    quiet: Any
     apply: Any
     output: Any
     constrained_step: Any
@@ -335,11 +337,18 @@ def state_of_one(t, u, v, p, function):
     u[0], v[0] = function(t, u[0], v[0], p)
 
 
+@element
+def quiet_of_one(first, count, side, counters, t, u, v, p, function):
+    return function(first, count, side, counters, t, u[0], v[0], p)
+
+
+_together = int64, int64, int64, vector_type  # the first arguments of `zeros.quiet_together`
 SCALAR = Form(
     name="scalar",
     rhs=float64(float64, float64, float64, _given),
     jacobian=float64(float64, float64, float64, _given),
     invariant=float64(float64, float64, float64, _given),
+    quiet=int64(*_together, float64, float64, float64, _given),
     apply=types.UniTuple(float64, 2)(float64, float64, float64, _given),
     output=none(float64, float64, float64, _given, vector_type),
     constrained_step=None,
@@ -350,6 +359,7 @@ SCALAR = Form(
         "invariant": value_of_one,
         "output": values_of_one,
         "apply": state_of_one,
+        "quiet": quiet_of_one,
     },
 )
 VECTOR = Form(
@@ -357,6 +367,7 @@ VECTOR = Form(
     rhs=none(float64, _given, _given, _given, vector_type),
     jacobian=none(float64, _given, _given, _given, matrix_type),
     invariant=float64(float64, _given, _given, _given),
+    quiet=int64(*_together, float64, _given, _given, _given),
     apply=none(float64, vector_type, vector_type, _given),
     output=none(float64, _given, _given, _given, vector_type),
     constrained_step=none(float64, float64, vector_type, vector_type, vector_type, _given),

@@ -12,7 +12,7 @@ from ..kernels.compile.captured import helpers_first
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.jit import bound, compiled
 from ..kernels.compile.numba_internals import Jitted, address_of, addresses_of_members, call_without_checks
-from ..kernels.loops.zeros import of_quiet, quiet_together
+from ..kernels.loops.zeros import quiet_together
 from ..kernels.protocol import Form
 from .callbacks import Callback, compile_present, is_present, jit, reads_time, reads_velocity
 
@@ -88,6 +88,6 @@ class Family:
     def _quiet(self, form: Form) -> int:
         """Compile the function that looks at several members together, and return its address."""
         function = jit(self._function.py_func, cache=False, forceinline=True)  # what members share leaves the loop
-        result = compiled(jit(bound(quiet_together, {"FUNCTION": function})), of_quiet(form).args)
+        result = compiled(jit(bound(quiet_together, {"FUNCTION": function})), form.quiet.args)
         self._libraries.append(result)
         return address_of(result)

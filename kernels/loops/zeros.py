@@ -12,7 +12,7 @@ from typing import Any
 
 from numba.types import Tuple, float64, int64, none
 
-from ..compile.jit import bound, element, function_at, linked, outlined
+from ..compile.jit import bound, element, linked, outlined
 from ..protocol import (
     ENDED_BY,
     EVENT_VALUES,
@@ -381,12 +381,7 @@ def followed(place, part, t, u, v, p):
 @functools.cache  # so that kernels share the compiled elements
 def quiet(form: Form) -> Any:
     """Return the element `is_quiet` for one form of right-hand side."""
-    return element(bound(is_quiet, {"EVENT": event_of(form), "QUIET_AT": function_at(of_quiet(form))}))
-
-
-def of_quiet(form: Form) -> Any:
-    """Return the signature of `quiet_together`."""
-    return int64(int64, int64, int64, vector_type, *form.invariant.args)
+    return element(bound(is_quiet, {"EVENT": event_of(form), "QUIET_AT": form.at("quiet")}))
 
 
 @functools.cache
