@@ -89,6 +89,24 @@ def lines(axes: Any, t: np.ndarray, values: np.ndarray, names: Sequence[str] = (
         legend(axes)
 
 
+def frame(figure: Any, solution: Solution, view: Any, row: int, note: str = "") -> tuple[Any, np.ndarray]:
+    """Draw a frame at rest and in a saved state, with the displacements of its view.
+
+    Returns
+    -------
+    matplotlib.axes.Axes, ndarray
+        The axes, and the places of the nodes in this state.
+    """
+    axes = picture(figure, aspect="equal")
+    shapes = view.places(solution.t[[0, row]], solution.u[[0, row]] * np.array([[0.0], [1.0]]))
+    for shape, color, name in zip(shapes, ("0.7", "C0"), ("at rest", f"t = {solution.t[row]:.2f} s"), strict=True):
+        for k, (i, j) in enumerate(view.links):
+            axes.plot(*shape[[i, j]].T, color=color, linewidth=1.2, label="" if k else name)
+    axes.set(xlabel=f"x (m)\n{view.note}{note}", ylabel="height (m)")
+    legend(axes)
+    return axes, shapes[1]
+
+
 def oscillator(figure: Any, solution: Solution, units: tuple[str, str] = ("m", "m/s")) -> None:
     """Draw a single degree of freedom: the phase portrait, and the displacement and the velocity against time.
 

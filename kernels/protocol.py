@@ -252,11 +252,10 @@ SPAN = types.NamedTuple(
 class Form:
     """The types for one form of right-hand side: the scalar form, or the vector form for n degrees of freedom.
 
-    An `invariant` returns its only value, as an output with one value does; an `output` writes its values. `quiet` looks
-    at the events of a family: see `zeros.quiet_together`. A
-    `constrained_step` changes u, v and the drift: it is a step of EIG-3 with constraints, for which there is no scalar
-    form. A kernel has rows of n values also for one degree of freedom: `calls` has an element that calls a function of
-    each kind of the scalar form with rows.
+    An `invariant` returns its only value, as an output with one value does; an `output` writes its values. `quiet`
+    looks at the events of a family: see `zeros.quiet_together`. A `constrained_step` changes u, v and the drift: it is
+    a step of EIG-3 with constraints, for which there is no scalar form. A kernel has rows of n values also for one
+    degree of freedom: `calls` has an element that calls a function of each kind of the scalar form with rows.
     """
 
     name: str

@@ -94,15 +94,9 @@ def _isolator(mass, period, strength):
 
 
 def draw(figure, solution, view, isolator, gap):
-    picture = drawing.picture(figure, aspect="equal")
     base, roof = (solution.u[:, solution.labels.names.index(f"{level}A.ux")] for level in (0, STOREYS))
     largest = int(np.abs(base).argmax())
-    shapes = view.places(solution.t[[0, largest]], solution.u[[0, largest]] * np.array([[0.0], [1.0]]))
-    for shape, style, name in zip(shapes, ("0.7", "C0"), ("at rest", f"t = {solution.t[largest]:.2f} s"), strict=True):
-        for k, (i, j) in enumerate(view.links):
-            picture.plot(*shape[[i, j]].T, color=style, linewidth=1.2, label="" if k else name)
-    picture.set(xlabel=f"x (m)\ndisplacements {MAGNIFIED} times as large", ylabel="height (m)")
-    drawing.legend(picture)
+    drawing.frame(figure, solution, view, largest)
     loops = drawing.picture(figure)
     z = solution.z["bouc wen"][:, 0]
     force = isolator.stiffness * (isolator.hardening * base + (1 - isolator.hardening) * z)

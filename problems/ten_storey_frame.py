@@ -68,16 +68,9 @@ def joint(level: int, line: int) -> str:
 
 
 def draw(figure, solution, view):
-    picture = drawing.picture(figure, aspect="equal")
     sway = [solution.labels.names.index(f"{joint(level, 0)}.ux") for level in range(1, STOREYS + 1)]
     largest = int(np.abs(solution.u[:, sway[-1]]).argmax())
-    shapes = view.places(solution.t[[0, largest]], solution.u[[0, largest]] * np.array([[0.0], [1.0]]))
-    for shape, style, name in zip(shapes, ("0.7", "C0"), ("at rest", f"t = {solution.t[largest]:.2f} s"), strict=True):
-        for k, (i, j) in enumerate(view.links):
-            picture.plot(*shape[[i, j]].T, color=style, linewidth=1.2, label="" if k else name)
-    picture.set(xlabel="x (m)", ylabel="height (m)")
-    picture.set_title(f"displacements {MAGNIFIED} times as large", fontsize="medium", y=1.08)
-    drawing.legend(picture)
+    drawing.frame(figure, solution, view, largest)
     u = 1e3 * solution.u[:, sway]
     drawing.lines(
         drawing.time_panel(figure, "displacement (mm)"), solution.t, u[:, [9, 4, 0]], ["roof", "floor 5", "floor 1"]

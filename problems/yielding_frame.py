@@ -97,23 +97,16 @@ def joint(level: int, line: int) -> str:
 
 
 def draw(figure, solution, view):
-    picture = drawing.picture(figure, aspect="equal")
     plastic = 1e3 * solution.z["elastic plastic"]
     rotations = np.abs(plastic).max(axis=0)
     sway = [solution.labels.names.index(f"{joint(level, 0)}.ux") for level in range(1, STOREYS + 1)]
     largest = int(np.abs(solution.u[:, sway[-1]]).argmax())
-    shapes = view.places(solution.t[[0, largest]], solution.u[[0, largest]] * np.array([[0.0], [1.0]]))
-    for shape, style, name in zip(shapes, ("0.7", "C0"), ("at rest", f"t = {solution.t[largest]:.2f} s"), strict=True):
-        for k, (i, j) in enumerate(view.links):
-            picture.plot(*shape[[i, j]].T, color=style, linewidth=1.2, label="" if k else name)
-    picture.set(xlabel="x (m)", ylabel="height (m)")
-    title = f"displacements {MAGNIFIED} times as large; largest plastic rotation {rotations.max():.0f} mrad"
-    picture.set_title(title, fontsize="medium", y=1.08)
-    drawing.legend(picture)
+    note = f"; largest plastic rotation {rotations.max():.0f} mrad"
+    picture, shape = drawing.frame(figure, solution, view, largest, note)
     ends = [name.split(".") for name in solution.labels.names if ".rz_" in name]
     for (member, end), rotation in zip(ends, rotations, strict=True):
         start, stop = (4 * int(node[0]) + "ABCD".index(node[1]) for node in member.split("-"))
-        near, far = shapes[1][[start, stop] if end == "rz_start" else [stop, start]]
+        near, far = shape[[start, stop] if end == "rz_start" else [stop, start]]
         picture.plot(*(0.92 * near + 0.08 * far), "o", color="C3", markersize=np.sqrt(3 * rotation))
     drifts = 100 * np.diff(solution.u[:, sway], axis=1, prepend=0)[:, [0, 2, 4]] / STOREY
     names = ["storey 1", "storey 3", "storey 5"]
