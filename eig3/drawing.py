@@ -102,7 +102,7 @@ def frame(figure: Any, solution: Solution, view: Any, row: int, note: str = "") 
     for shape, color, name in zip(shapes, ("0.7", "C0"), ("at rest", f"t = {solution.t[row]:.2f} s"), strict=True):
         for k, (i, j) in enumerate(view.links):
             axes.plot(*shape[[i, j]].T, color=color, linewidth=1.2, label="" if k else name)
-    axes.set(xlabel=f"x (m)\n{view.note}{note}", ylabel="height (m)")
+    axes.set(xlabel=f"{view.note}{note}\nx (m)", ylabel="height (m)")
     legend(axes)
     return axes, shapes[1]
 

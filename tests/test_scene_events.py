@@ -280,14 +280,14 @@ def gas(count):
 def test_the_code_to_compile_does_not_grow_with_the_pairs():
     """The first scene compiles the functions of the effect and the kernel, which the others share.
 
-    From 8 pairs on, there is a function that looks at them together.
+    From 8 pairs on, there is a function that looks at them together, and the form of the pairs' function for it.
     """
     counts = []
     for size in (3, 5, 12):
         with compilations() as compiled:
             gas(size)[1].integrate(h=0.01, t_end=0.01)
         counts.append(len(compiled))
-    assert counts[2] == counts[1] <= counts[0]  # all are 0 if the scenes of an earlier process are on the disk
+    assert counts[2] == counts[1] <= counts[0] + 2  # all are 0 if the scenes of an earlier process are on the disk
 
 
 @pytest.mark.parametrize("run", [{"h": 1e-3, "method": "rk4"}, {"rtol": 1e-9, "h_max": 0.01}])

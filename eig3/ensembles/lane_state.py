@@ -19,7 +19,7 @@ from .named_lanes import NamedLanes
 
 _GUARD_ROWS = 4  # of NaN on each side of u, v and a in the first evaluation
 _NONE = np.empty((0, 0))
-_NO_WATCH = Watch(np.empty((0, 4), dtype=np.int64), _NONE, np.empty(0), np.empty(0), _NONE, _NONE, _NONE, _NONE)
+_NO_WATCH = Watch(np.empty((0, 7), dtype=np.int64), _NONE, np.empty(0), np.empty(0), _NONE, _NONE, _NONE, _NONE)
 
 
 class LaneState:
