@@ -50,6 +50,9 @@ class Family:
         def member(t, u, v, p):  # type: ignore[no-untyped-def]
             return function(float(k), t, u, v, p)
 
+        # In another process a member is a function without `callback`: it calls the bound function, in kernels' form.
+        vars(member).pop("inner", None)
+        member.reads_z = True  # type: ignore[attr-defined]
         whole = inspect.signature(function.py_func)
         member.__signature__ = whole.replace(parameters=list(whole.parameters.values())[1:])  # type: ignore[attr-defined]
         jitted = jit(member)
