@@ -36,7 +36,7 @@ USES = {
     "a scene with contacts": (_HEAD + "eig3.problems.sand_column().integrate(h=1e-4, t_end=1e-3, invariants={})", 125),
     "an ensemble with tolerances": (
         _HEAD + "eig3.problems.duffing().ensemble(u0=np.linspace(1, 2, 32), rtol=1e-6)",
-        58,
+        57,
     ),
     "inline=True": (_HEAD + _INLINE, 16),
 }

@@ -74,7 +74,7 @@ def is_quiet(watch, counters, t, u, v, p):
             address, first = watch.events[k, QUIET], watch.events[k, NUMBER]
             if QUIET_AT(address)(first, count, side, counters, t, u, v, p) == 0:
                 return False
-        elif not EVENT(watch.events[k, G], t, u, v, p) * counters[side] > 0:
+        elif not EVENT_AT(watch.events[k, G])(t, u, v, p) * counters[side] > 0:
             return False
         k += count
     return True
@@ -381,7 +381,7 @@ def followed(place, part, t, u, v, p):
 @functools.cache  # so that kernels share the compiled elements
 def quiet(form: Form) -> Any:
     """Return the element `is_quiet` for one form of right-hand side."""
-    return element(bound(is_quiet, {"EVENT": event_of(form), "QUIET_AT": form.at("quiet")}))
+    return element(bound(is_quiet, {"EVENT_AT": form.at("invariant"), "QUIET_AT": form.at("quiet")}))
 
 
 @functools.cache
