@@ -77,7 +77,8 @@ class Block(Alone):
 
     def _note_events(self) -> None:
         """Store the occurrences of the members that did not run again alone."""
-        for member, rows in self._found:
+        if self._found:
+            member, rows = (np.concatenate(parts) for parts in zip(*self._found, strict=True))
             mine = ~np.isin(member, self._lost)
             self.histories.note_events(member[mine], rows[mine])
         self._found.clear()
