@@ -44,7 +44,7 @@ class Block(Alone):
 
     def __init__(self, shared: Setup, numbers: np.ndarray) -> None:
         super().__init__(numbers, shared.histories, shared.single)
-        self.shared = shared
+        self.shared, self._may_stop = shared, shared.histories.options.has_own_times
         self._state: Any = None
         self._runs = np.zeros(shared.layout.lanes, dtype=bool)  # the lanes whose member has not ended
         self._lost: list[int] = []  # the members that run again alone
@@ -121,7 +121,7 @@ class Block(Alone):
         index = self._state.index
         half = self._half[self._runs & (self._half > index)]
         nearest = min([self._ends[self._runs].min(), *half])
-        if self.histories.options.has_own_times:  # events may end most members soon
+        if self._may_stop:  # events may end most members soon
             nearest = min(nearest, _LONGER * max(index, FIRST_CHUNK))
         return min(int(nearest), index + min(self.shared.pace.steps, self._most_states * self.histories.every))
 
@@ -139,7 +139,8 @@ class Block(Alone):
                 state.restore(before)
             else:
                 self._observe(before[0], *states)
-                self._take_events()
+                if self.shared.events:
+                    self._take_events()
                 if reached - before[0] >= self.shared.pace.steps:  # the time of a shorter chunk is inaccurate
                     self.shared.pace.note(reached - before[0], time.perf_counter() - begin)
         except Exception:

@@ -151,7 +151,7 @@ class LaneObserver:
             has_crossed=np.zeros(lanes),
             doing=np.full(lanes, SEARCHED),
             h=np.ascontiguousarray(everyone.steps[members]),
-            unit=np.broadcast_to(unit, lanes).astype(float),
+            unit=unit.astype(float),
             before=np.empty((2, n * lanes)),
             counters=np.zeros((lanes, EVENTS + EVENT_VALUES * count)),
             evaluations=np.zeros(lanes),
@@ -195,9 +195,9 @@ class LaneObserver:
         """The minimum and the maximum so far, and their times in the kernel, shape (4, k, lanes)."""
         return self._values.extremes[:, self._values.columns(self._rows[name])].reshape(4, -1, self._lanes)
 
-    def doing(self, what: float) -> np.ndarray:
+    def doing(self, what: float) -> np.ndarray | bool:
         """Return a mask of the lanes that do something: see `eig3.kernels.loops.lane_search.SEARCHED`."""
-        return self._watch.doing == what if self._watch else np.full(self._lanes, what == SEARCHED)
+        return self._watch.doing == what if self._watch else what == SEARCHED
 
     def rest(self, lanes: np.ndarray) -> None:
         """Do not look for events in the lanes of a mask."""
@@ -207,7 +207,7 @@ class LaneObserver:
     @property
     def evaluations(self) -> np.ndarray:
         """The evaluations of the right-hand side in the searches of each lane."""
-        return (self._watch.evaluations if self._watch else np.zeros(self._lanes)).astype(np.int64)
+        return self._watch.evaluations.astype(np.int64) if self._watch else np.zeros(self._lanes, dtype=np.int64)
 
     @property
     def ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

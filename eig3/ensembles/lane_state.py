@@ -68,8 +68,9 @@ class LaneState:
         self._rows = self._state.reshape(-1, *u.shape)
         for row, values in zip(self._rows, (u, v, *formulas.start(u, v, a, self._clock[0])), strict=False):
             row[:] = values
-        self.observer = LaneObserver(shared, everyone, members, np.broadcast_to(self._unit, layout.lanes))
+        self.observer = LaneObserver(shared, everyone, members, self._unit)
         self.observer.begin(self._clock[1], u.ravel(), v.ravel(), self._p)
+        self._searches = bool(shared.events)
         looks = shared.quantities or shared.events or shared.project
         self._look = self.observer.record if looks else None
         self._saves = {name: (shared.quantities[name][0].width, layout.lanes) for name in shared.histories.outputs}
@@ -138,7 +139,7 @@ class LaneState:
     @property
     def n_rhs(self) -> np.ndarray:
         """Number of evaluations of rhs for the member in each lane, including the evaluation at the start."""
-        return 1 + int(self._counters[EVALUATIONS]) + self.observer.evaluations
+        return self.observer.evaluations + (1 + int(self._counters[EVALUATIONS]))
 
     def advance(self, target: int, every: int, stop: Cancel) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Advance to a step index, or less far if `stop` is set.
@@ -166,7 +167,8 @@ class LaneState:
             taken, *_ = self._kernel(self._callbacks, self._state, self._settings, self._counters, given, self._look)
             self.seconds += self._slices.end(taken, *begun)
             self.index += taken
-            self.observer.collect()
+            if self._searches:
+                self.observer.collect()
             if stop.is_set():
                 break
         self.observer.check()
