@@ -52,7 +52,7 @@ from ..protocol import (
 )
 from .follow import end_part, functions, inline_functions, no_history, no_projection, widen_all
 from .formulas import Formulas, nothing
-from .lane_search import LOOK_IN_LANES, is_full, rows_before, search_lanes, searching_in_lanes
+from .lane_search import LOOK_IN_LANES, is_full, search_lanes, searching_in_lanes
 from .march import FOUND, THROUGH, copy_two, march, settle
 from .pair import U_END, V_END, A
 from .search import search_names, work_rows
@@ -106,7 +106,7 @@ def plain(callbacks, f, c, y, n, scratch, counters, steps, look):
 def following(callbacks, f, c, y, n, scratch, counters, steps, look):
     """Take the steps, and follow quantities."""
     i, row, last, found = steps.first, steps.row, steps.first + steps.count, THROUGH
-    pair = PAIR(look)
+    pair = rows(look.watch.before, 2) if LOOKS == SEARCHES_LANES else None
     while i < last and found == THROUGH:
         there, i, row, found = MARCHES(f, c, y, n, scratch, counters, steps, look, pair, i, last, START_STEPS, row)
         if STACKED == 0:  # see `march`
@@ -273,7 +273,7 @@ def wide_kernel(method: Formulas, looks: int, second: str = "", order: int = 0, 
     label = f"{method.label}_wide_{looks}{second}" if method.is_own else ""
     if looks == SEARCHES_LANES:
         label += f"_{form.name}" * method.is_own
-        names["PAIR"], names["IS_FULL"] = rows_before, is_full
+        names["IS_FULL"] = is_full
         named = {**searching_in_lanes(method, order, form), "EVALUATE_LANES": evaluate_lanes}
         names["SEARCH_LANES"] = element(bound(search_lanes, named))
     with wide_vectors():
@@ -291,7 +291,6 @@ def _compile(
             names[name] = element(bound(stack_step, {"STEP": names[name], "N": names["N"]}))
     if looks == SEARCHES:
         names |= {**search_names(method, order, form), "IS_QUIET": quiet(form)}
-    names.setdefault("PAIR", nothing_before)
     names["MARCH"] = element(bound(march, names))
     names["MARCHES"] = element(bound(marches, names))
     advance = {0: plain, SEARCHES: searching}.get(looks, following)
@@ -330,9 +329,4 @@ def inline_callbacks(form: Form, rhs: Any, jacobian: Any) -> tuple[Any, dict[str
 
 
 def no_second(callbacks):
-    return None
-
-
-@element
-def nothing_before(look):
     return None

@@ -254,12 +254,6 @@ def is_full(look):
     return 2 * look.watch.n_logged[0] > len(look.watch.look.watch.log)
 
 
-@element
-def rows_before(look):
-    """Return the rows for u and v before a step."""
-    return rows(look.watch.before, 2)
-
-
 @functools.cache
 def searching_in_lanes(method: Formulas, order: int, form: Form) -> dict[str, Any]:
     """Return the values of the names in capitals of a kernel that searches its steps in lanes."""

@@ -113,7 +113,7 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
             return (NOT_A_NUMBER, 0.0, t) if size < _OVERFLOWING else (PASSED, 1.0, t_end)
         crossing, side = _NEVER, counters[mine + SIDE]
         if not _is_unwanted(watch.events[k, _DIRECTION], side):
-            crossing, side = ROOT(place, counters, k, g_end, t, h, n, coefficients, u, v, p, tolerance)
+            crossing, side = CROSSING(place, counters, k, g_end, t, h, n, coefficients, u, v, p, tolerance)
         if crossing < 0:
             counters[ENDED_BY] = k
             return RESTING, 0.0, t
@@ -127,7 +127,7 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
         for k in range(count):
             side = counters[EVENTS + EVENT_VALUES * k + SIDE]
             if _is_unwanted(watch.events[k, _DIRECTION], side) and search[_CROSSING, k] == _NEVER:
-                search[_CROSSING, k], _ = ROOT(
+                search[_CROSSING, k], _ = CROSSING(
                     place, counters, k, search[_END, k], t, h, n, coefficients, u, v, p, tolerance
                 )
     while True:
@@ -206,40 +206,21 @@ def _is_unwanted(direction, side):
     return side != 0 and direction == (1 if side > 0 else -1)
 
 
-def root_of(place, counters, k, g_end, t, h, n, coefficients, u, v, p, tolerance):
-    """Call `crossing_within` for the event k."""
-    mine = EVENTS + EVENT_VALUES * k
-    return CROSSING(
-        look_at(place).watch.events[k, G],
-        counters[mine + SIDE],
-        counters[mine + _FREE],
-        counters[mine + _LEVEL],
-        t - counters[mine + LAST],
-        g_end,
-        t,
-        h,
-        n,
-        coefficients,
-        u,
-        v,
-        p,
-        tolerance,
-    )
+def crossing_within(place, counters, k, g_end, t, h, n, coefficients, u, v, p, tolerance):
+    """Return the fraction of the step at which g of the event k changes its sign, or `_NEVER`, and the sign before.
 
-
-def crossing_within(address, side, free, level, since, g_end, t, h, n, coefficients, u, v, p, tolerance):
-    """Return the fraction of the step at which g changes its sign, or `_NEVER`, and the sign of g before.
-
-    `side` has the sign of g at the start. If it is zero, the sign is that just after the start. `free` has the sign
-    from which the last reset of the event came, if it left g at zero, and is zero otherwise. This reset was at the time
-    `since` before t, and g was `level` after it. If g then leaves to the other side with the rate 0, it rests on its
-    zero: -1 is returned as the fraction.
+    The counters have the sign of g at the start. If it is zero, the sign is that just after the start. They also have
+    the sign from which the last reset of the event came, if it left g at zero, and otherwise zero. If g then leaves to
+    the other side with the rate 0, it rests on its zero: -1 is returned as the fraction.
 
     The ITP method takes at most one more evaluation than bisection, and as few as the secant method if g is smooth:
     I. F. D. Oliveira and R. H. C. Takahashi, ACM Transactions on Mathematical Software 47 (2020), 5.
     """
+    address, mine = look_at(place).watch.events[k, G], EVENTS + EVENT_VALUES * k
+    side = counters[mine + SIDE]
     low, high, g_high, is_known = 0.0, 1.0, g_end, abs(side) > 0
     if not is_known:
+        free, level, since = counters[mine + _FREE], counters[mine + _LEVEL], t - counters[mine + LAST]
         low, g_low, side = DEPARTURE(address, free, level, since, g_end, t, h, n, coefficients, u, v, p, tolerance)
     if low < 0:
         return low, side
@@ -419,7 +400,6 @@ def search_of_step(form: Form) -> Any:
     names["ROUND_OFF"] = outlined(bound(round_off, names))
     names["DEPARTURE"] = outlined(bound(departure, names))
     names["CROSSING"] = outlined(bound(crossing_within, names))
-    names["ROOT"] = outlined(bound(root_of, names))
     names["TAKE"] = outlined(bound(take, names))
     return linked(look_within, names, OF_SEARCH, form.name)
 
