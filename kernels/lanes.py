@@ -12,7 +12,6 @@ otherwise its loops are already prepared for any n.
 
 from __future__ import annotations
 
-import functools
 import math
 import re
 import warnings
@@ -128,48 +127,6 @@ def written(t, u, v, p, out, low, high, t_low, t_high):
     for lane in range(LANES):
         FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane), VALUES(out, lane))
     widen(out, t, low, high, t_low, t_high)
-
-
-def watched(t, u, v, p, out, low, high, t_low, t_high):
-    """Look whether the function of an event has changed its sign: then `low` is not positive. Most looks see nothing.
-
-    Changes in the other direction than DIRECTION do not count. The first that counts is at `t_low`, and `t_high` is the
-    side of the zero before it. `out` has the side of the latest state. At the first call, all of it is NaN, and `high`
-    is -inf.
-    """
-    velocities = v
-    if HAS_OWN_STEP > 0:
-        velocities = VELOCITIES(p, 0)
-        rescale(v, STEPS(p, 0), velocities)
-    changed = 0
-    for lane in range(LANES):
-        g = FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane))
-        changed += not out[lane] * g > 0
-    if changed > 0:
-        for lane in range(LANES):
-            g = FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane))
-            side = out[lane]
-            if high[lane] < 0:
-                low[lane], high[lane], out[lane] = abs(g), 1.0, g
-            elif g != 0 or STOPS == 0:  # if a change ends the run, the step after a zero shows the sign
-                counts = not (side * g > 0 or (side * g < 0 and DIRECTION * g < 0))
-                if counts and low[lane] > 0:
-                    low[lane], t_low[lane], t_high[lane] = -1.0, t, side
-                out[lane] = g
-
-
-def caught(t, u, v, p, out, low, high, t_low, t_high):
-    """Keep each value of u in `out`, and of v in `t_low`, at the first step after its time.
-
-    `low` has these times in their order, and `high` the places of the values to which they belong. `t_high[0]` is the
-    number of those that have passed.
-    """
-    k = int(t_high[0])
-    while k < out.size and low[k] < t:
-        j = int(high[k])
-        out[j], t_low[j] = u[j], v[j]
-        k += 1
-    t_high[0] = k
 
 
 def time_of_own_step(t, p, lane):
@@ -361,21 +318,6 @@ def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...],
     """
     names = {"VALUES": view(shape[0], layout.lanes)} if shape else {}
     return compile_template(written if shape else returned, function, layout, _QUANTITY.args, is_checked, names)
-
-
-def compile_watched(function: Callable, layout: Layout, direction: int, stops: bool, is_checked: bool = False) -> Lanes:
-    """Compile the look for a change of sign of the function of an event. It is called as a quantity.
-
-    With `stops`, a zero does not count as a change.
-    """
-    names = {"DIRECTION": float(direction), "STOPS": int(stops)}
-    return compile_template(watched, function, layout, _QUANTITY.args, is_checked, names)
-
-
-@functools.cache
-def compile_caught() -> Lanes:
-    """Compile `caught`. It is called as a quantity."""
-    return compile_block(caught, _QUANTITY.args, KERNEL_OPTIONS)
 
 
 def compile_template(

@@ -58,8 +58,9 @@ PASSED, RESET, TERMINAL, ZENO, RESTING, NOT_A_NUMBER, NOT_FINITE = range(7)
 #: be shortened, the step is below the resolution of t, or there is no room for rows or occurrences.
 GOING, AT_END, BEFORE_END, TOO_SMALL, FULL = range(10, 15)
 
-#: What a kernel does besides its steps, if not 0: it follows quantities; or it also looks for events and wanted times.
-FOLLOWS, SEARCHES = 1, 2
+#: What a kernel does besides its steps, if not 0: it follows quantities; or it also looks for events and wanted times;
+#: or for events in lanes.
+FOLLOWS, SEARCHES, SEARCHES_LANES = 1, 2, 3
 
 #: The solve of a step failed.
 FAILED = 20

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.effects import BoucWen, Cable, ElasticPlastic, LinearDamper, LinearSpring, Maxwell
+from eig3.effects import BoucWen, LinearDamper, LinearSpring, Maxwell
 from eig3.math import cos
 from eig3.structures import base_shear, link_forces, storey_drifts
 
@@ -137,15 +137,6 @@ def test_a_first_passage_ends_members_in_lanes():
     run = problem.with_(params=problem.params._replace(strength=10 * SCALES[i])).integrate(h=0.01, events=events)
     assert run.status is eig3.Status.TERMINATED
     np.testing.assert_allclose(members.u[i, -1], run.u[-1], rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("law", [ElasticPlastic(40.0, 0.5), Cable(40.0, 0.1)], ids=["resets", "looks"])
-def test_links_with_events_run_alone_and_say_so(law):
-    problem = structure({"ground": GROUND, "links": [(law, 0, 1)]})
-    members = problem.ensemble(params={"ground_scale": SCALES}, h=0.01)
-    assert "do not locate the events at which links" in members.notes[0]
-    run = problem.with_(params=problem.params._replace(ground_scale=SCALES[7])).integrate(h=0.01)
-    np.testing.assert_array_equal(members.u[7, -1], run.u[-1])
 
 
 def test_structures_of_other_sizes_and_patterns_do_not_share_code():

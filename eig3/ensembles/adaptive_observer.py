@@ -73,7 +73,7 @@ class AdaptiveObserver:
         self.record = LaneObservation(
             Observation(0, 0, at_each_step(look.follow), *parts),
             np.array(places, dtype=np.int64),
-            np.array([event.address for event in shared.events], dtype=np.int64),
+            np.array([event.address for event, _ in shared.events], dtype=np.int64),
             np.ones((count, lanes)),
             np.ones((count, lanes)),
             np.full(lanes, np.inf),

@@ -16,7 +16,7 @@ from ..run.chunks import unwritten_entry
 from ..run.growth import BLOWN_UP, OVERFLOWING, natural_sizes
 from ..stepping.march import Cancel
 from ..stepping.run_options import NEVER
-from .lane_observer import search_steps
+from .lane_observer import LOST, SEARCHED, STOPPED
 from .lane_state import LaneState
 from .lanewise import FIRST_CHUNK, Setup
 from .single_members import Alone
@@ -33,9 +33,7 @@ class Block(Alone):
 
     A lane without a running member repeats a running member, so it fails only if that member fails.
 
-    The lanes evaluate the function g of each event. A member in which no g changed its sign has no occurrence. If all
-    events only end members, the step of a change of sign is searched, see `Stops`. Other members run again as single
-    runs, which locate the occurrences.
+    A member runs again alone if its events need a single run: see `eig3.kernels.loops.lane_search`.
 
     Parameters
     ----------
@@ -46,10 +44,11 @@ class Block(Alone):
 
     def __init__(self, shared: Setup, numbers: np.ndarray) -> None:
         super().__init__(numbers, shared.histories, shared.single)
-        self.shared = shared
+        self.shared, self._may_stop = shared, shared.histories.options.has_own_times
         self._state: Any = None
         self._runs = np.zeros(shared.layout.lanes, dtype=bool)  # the lanes whose member has not ended
-        self._fired: list[int] = []  # the members with an event
+        self._lost: list[int] = []  # the members that run again alone
+        self._found: list[tuple[np.ndarray, np.ndarray]] = []  # the members and the rows of the occurrences
         self._checked = 0  # the step index at which rhs was last seen to write every entry
 
     def run(self, stop: Cancel) -> None:
@@ -62,18 +61,27 @@ class Block(Alone):
                     self._advance()
                 self._interrupt("The run was interrupted")
                 self._drop_state()
-                self.run_alone(self._fired, stop)
+                self.run_alone(self._lost, stop)
             except Exception as error:
                 self._interrupt(f"The run raised {type(error).__name__}")
                 raise
             finally:
                 self._drop_state()
+                self._note_events()
 
     def _drop_state(self) -> None:
         """Free the memory of the states: many blocks may wait for the others."""
         if self._state:
             self.seconds += self._state.seconds
         self._state = None
+
+    def _note_events(self) -> None:
+        """Store the occurrences of the members that did not run again alone."""
+        if self._found:
+            member, rows = (np.concatenate(parts) for parts in zip(*self._found, strict=True))
+            mine = ~np.isin(member, self._lost)
+            self.histories.note_events(member[mine], rows[mine])
+        self._found.clear()
 
     def _begin(self) -> None:
         shared, lanes = self.shared, np.arange(self.shared.layout.lanes)
@@ -83,6 +91,7 @@ class Block(Alone):
         self._failed: dict[int, str] = {}  # the reason why a member ends early, by lane
         self._state = state = LaneState(shared, self.histories.members, self._members)
         self._runs = runs
+        state.observer.rest(~runs)
         self._set_natural()
         u, v = state.values
         self._save(0, u[None], v[None], {name: state.observer.start[name][None] for name in self.histories.outputs})
@@ -112,7 +121,7 @@ class Block(Alone):
         index = self._state.index
         half = self._half[self._runs & (self._half > index)]
         nearest = min([self._ends[self._runs].min(), *half])
-        if self.shared.stops:  # most members may end soon
+        if self._may_stop:  # events may end most members soon
             nearest = min(nearest, _LONGER * max(index, FIRST_CHUNK))
         return min(int(nearest), index + min(self.shared.pace.steps, self._most_states * self.histories.every))
 
@@ -123,18 +132,15 @@ class Block(Alone):
         try:
             states = state.advance(target, self.histories.every, self._stop)
             reached = state.index
-            failed = self._runs & ~state.is_finite
+            failed = self._runs & state.observer.doing(SEARCHED) & ~state.is_finite
             if failed.any():
-                crossing = self._crossings()
-                stop_before = failed & (crossing > before[0]) & (crossing < reached)
-                self._ends[stop_before] = crossing[stop_before]  # an event may end them first
                 state.restore(before)
-                self._find_ends(np.flatnonzero(failed & ~stop_before), reached)
+                self._find_ends(np.flatnonzero(failed), reached)
                 state.restore(before)
             else:
                 self._observe(before[0], *states)
-                if self.shared.stops:
-                    self._stop_lanes(before)
+                if self.shared.events:
+                    self._take_events()
                 if reached - before[0] >= self.shared.pace.steps:  # the time of a shorter chunk is inaccurate
                     self.shared.pace.note(reached - before[0], time.perf_counter() - begin)
         except Exception:
@@ -142,32 +148,35 @@ class Block(Alone):
             raise
         self._end(self._runs & (self._ends == state.index))
 
-    def _crossings(self) -> np.ndarray:
-        """Return the step index at the end of the first step that may end each lane, or -1.
+    def _take_events(self) -> None:
+        """Take the occurrences of a chunk, and end the members that it has ended or lost."""
+        observer = self._state.observer
+        for lanes, rows in observer.found():
+            self._found.append((self._members[lanes], rows))
+        lost = self._runs & observer.doing(LOST)
+        for member in self._members[lost].tolist():
+            self.histories.judge(member, Status.INTERRUPTED, "The run was interrupted before the events were found.")
+            self._lost.append(member)
+        self._stop_members(self._runs & observer.doing(STOPPED))
+        self._leave(lost)
 
-        It is also -1 if a g was zero or NaN at the start: such a member runs alone.
-        """
-        if not self.shared.stops:
-            return np.full(len(self._runs), -1)
-        has_crossed, t = self._state.observer.crossings
-        index = np.where(np.isnan(t), -1, self._state.index_of(t))
-        first = np.where(has_crossed, index, np.inf).min(axis=0)
-        return np.where(first < np.inf, first, -1).astype(np.int64)
-
-    def _stop_lanes(self, before: tuple) -> None:
-        """End the members that an event has ended since the state `before`."""
-        index, state = self._crossings(), self._state
-        lanes = np.flatnonzero(self._runs & (index > before[0]))
-        if not lanes.size:
+    def _stop_members(self, stopped: np.ndarray) -> None:
+        """End the members in the lanes of a mask, which events have ended."""
+        if not stopped.any():
             return
-        now = state.save()
-        state.restore(before)
-        u, v = state.catch(np.array([index - 1, index]), int(index[lanes].max()), self._stop)
-        state.restore(now)
-        if self._stop.is_set():  # some states may be missing
-            return
-        given = self._members[lanes], index[lanes], state.observer.sides(lanes), u[..., lanes], v[..., lanes]
-        self._leave(np.isin(np.arange(len(self._runs)), lanes[search_steps(self.shared, *given)]))
+        histories, state, chosen = self.histories, self._state, self._members[stopped]
+        observer, formulas = state.observer, self.shared.method.formulas.names(VECTOR)
+        t, event, index, u, v = (x[..., stopped] for x in observer.ends)
+        index = index.astype(np.int64)
+        started = np.minimum(index, formulas["START_STEPS"])
+        n_rhs = 1 + formulas["START_COST"] * started + formulas["COST"] * (index - started)
+        ends = {name: observer.at_end(name) for name in observer.start}
+        outputs = {name: ends[name][0][:, stopped].T for name in histories.outputs}
+        histories.stop(chosen, index - 1, t, u.T, v.T, n_rhs + observer.evaluations[stopped], outputs)
+        histories.end_by_events(chosen, event, t)
+        for name, start in observer.start.items():
+            histories.bound(name, chosen, start[:, stopped], state.in_steps(ends[name][1])[..., stopped])
+        self._leave(stopped)
 
     def _find_ends(self, lanes: np.ndarray, target: int) -> None:
         """Find the ends of the members in these lanes, which are not finite at the step index `target`."""
@@ -231,17 +240,13 @@ class Block(Alone):
         histories, members, state = self.histories, self._members, self._state
         u, v = state.values
         outputs = {name: state.observer.latest(name)[:, ended] for name in histories.outputs}
-        histories.end(members[ended], state.index, u[:, ended], v[:, ended], outputs, state.n_rhs)
+        histories.end(members[ended], state.index, u[:, ended], v[:, ended], outputs, state.n_rhs[ended])
         for name, start in state.observer.start.items():
             histories.bound(name, members[ended], start[:, ended], state.extremes(name)[..., ended])
         for lane in np.flatnonzero(ended).tolist():
             if lane in self._failed:
                 histories.judge(int(members[lane]), failure, self._failed[lane])
-        fired = state.observer.crossings[0].any(axis=0) & ended if self.shared.events else np.zeros_like(ended)
-        for member in members[fired].tolist():
-            histories.judge(member, Status.INTERRUPTED, "The run was interrupted before the events were found.")
-            self._fired.append(member)
-        self._judge_growth(self._suspects() & ended & ~fired)
+        self._judge_growth(self._suspects() & ended)
         self._leave(ended)
 
     def _leave(self, ended: np.ndarray) -> None:

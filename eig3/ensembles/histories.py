@@ -78,7 +78,7 @@ class Histories:
         u: np.ndarray,
         v: np.ndarray,
         outputs: Mapping[str, np.ndarray],
-        n_rhs: int,
+        n_rhs: np.ndarray,
     ) -> None:
         """End members after `index` steps, with u, v and the outputs of their last states, shape (n, members)."""
         self.n_steps[chosen], self.n_rhs[chosen] = index, n_rhs
@@ -187,15 +187,28 @@ class Histories:
                 whole[chosen[is_new], 1 + count[is_new]] = end[is_new]
 
     def stop(
-        self, chosen: np.ndarray, index: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray, n_rhs: np.ndarray
+        self,
+        chosen: np.ndarray,
+        index: np.ndarray,
+        t: np.ndarray,
+        u: np.ndarray,
+        v: np.ndarray,
+        n_rhs: np.ndarray,
+        outputs: Mapping[str, np.ndarray],
     ) -> None:
-        """End members after `index` steps, at the times and in the states of events; their later states are dropped."""
+        """End members after `index` steps, at the times and in the states of events; their later states are dropped.
+
+        u, v and the outputs have the shape (members, n or k).
+        """
         assert self._t is not None
         self.n_steps[chosen], self.n_rhs[chosen] = index, n_rhs
+        if self.drift:
+            spacing = spacing_of(self.options.functions.invariants_every)
+            self.n_invariants[chosen] = [n_invariants(int(n), spacing) for n in index]
         grid = self.members.t_span[0] + index * self.members.steps[chosen]
         last = index // self.every + ((index % self.every > 0) | (t > grid))
         later, places = np.arange(self.u.shape[1]) > last[:, None], np.arange(len(chosen))
-        for whole, end in ((self._t, t), (self.u, u), (self.v, v)):
+        for whole, end in ((self._t, t), *self._beside(u, v, outputs)):
             values = whole[chosen]
             values[later], values[places, last] = np.nan, end
             whole[chosen] = values

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..functions.guard import written_beyond
 from ..kernels.lanes import Layout
-from ..kernels.protocol import DUE, EVALUATIONS, EVENTS, PART_END, SPACING, T_LOW, Look, Steps, Watch
+from ..kernels.protocol import DUE, EVALUATIONS, EVENTS, PART_END, SPACING, T_LOW, Steps
 from ..result.memory import aligned
 from ..stepping.followed import spacing_of
 from ..stepping.march import Cancel
@@ -18,8 +18,7 @@ from .members import Members
 from .named_lanes import NamedLanes
 
 _GUARD_ROWS = 4  # of NaN on each side of u, v and a in the first evaluation
-_NONE = np.empty((0, 0))
-_NO_WATCH = Watch(np.empty((0, 7), dtype=np.int64), _NONE, np.empty(0), np.empty(0), _NONE, _NONE, _NONE, _NONE)
+_ON_GRID = 1e-6  # of a step: an event that is nearer to the end of a step, but for round-off, is there
 
 
 class LaneState:
@@ -53,7 +52,7 @@ class LaneState:
         self.h = np.ascontiguousarray(everyone.steps[members])
         self._unit = self.h if layout.has_own_step else np.ones(layout.lanes)
         self._clock = (1.0, 0.0) if layout.has_own_step else (float(self.h[0]), self.t0)  # h and t0 of the kernel
-        self._rhs, self._kernel, self._stops = shared.rhs, shared.kernel, shared.stops
+        self._rhs, self._kernel = shared.rhs, shared.kernel
         self._callbacks = shared.rhs.address, shared.constrained_step.address if shared.constrained_step else None
         self._slices = Slices(shared.pace.seconds)
         self._method, self._counters = shared.method, np.zeros(EVENTS)
@@ -69,10 +68,11 @@ class LaneState:
         self._rows = self._state.reshape(-1, *u.shape)
         for row, values in zip(self._rows, (u, v, *formulas.start(u, v, a, self._clock[0])), strict=False):
             row[:] = values
-        self.observer = LaneObserver(shared)
+        self.observer = LaneObserver(shared, everyone, members, self._unit)
         self.observer.begin(self._clock[1], u.ravel(), v.ravel(), self._p)
+        self._searches = bool(shared.events)
         looks = shared.quantities or shared.events or shared.project
-        self._look = Look(_NO_WATCH, self.observer.record) if looks else None
+        self._look = self.observer.record if looks else None
         self._saves = {name: (shared.quantities[name][0].width, layout.lanes) for name in shared.histories.outputs}
         self._reserve(0)
 
@@ -137,9 +137,9 @@ class LaneState:
         return np.isfinite(self._rows[:2]).all(axis=(0, 1))
 
     @property
-    def n_rhs(self) -> int:
-        """Number of evaluations of rhs for each member, including the evaluation at the start."""
-        return 1 + int(self._counters[EVALUATIONS])
+    def n_rhs(self) -> np.ndarray:
+        """Number of evaluations of rhs for the member in each lane, including the evaluation at the start."""
+        return self.observer.evaluations + (1 + int(self._counters[EVALUATIONS]))
 
     def advance(self, target: int, every: int, stop: Cancel) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Advance to a step index, or less far if `stop` is set.
@@ -164,9 +164,11 @@ class LaneState:
             steps, *begun = self._slices.begin(target - self.index)
             written = self.index // every - first // every
             given = Steps(h, t0, self._p, self.index, steps, every, written, u, v)
-            self._kernel(self._callbacks, self._state, self._settings, self._counters, given, self._look)
-            self.seconds += self._slices.end(steps, *begun)
-            self.index += steps
+            taken, *_ = self._kernel(self._callbacks, self._state, self._settings, self._counters, given, self._look)
+            self.seconds += self._slices.end(taken, *begun)
+            self.index += taken
+            if self._searches:
+                self.observer.collect()
             if stop.is_set():
                 break
         self.observer.check()
@@ -175,42 +177,20 @@ class LaneState:
             self._v[:states] /= self._unit
         return self._u[:states], self._v[:states], {name: rows[:states] for name, rows in self._outputs.items()}
 
-    def catch(self, indices: np.ndarray, target: int, stop: Cancel) -> tuple[np.ndarray, np.ndarray]:
-        """Advance to a step index without the quantities, and return u and v of some states of each lane.
-
-        Their step indices have the shape (k, lanes), and u and v (k, n, lanes).
-        """
-        assert self._stops
-        (h, t0), size, k = self._clock, self._rows[0].size, len(indices)
-        u, v = (np.repeat(row[None], k, axis=0) for row in self._rows[:2])  # the values at the present step index
-        places = np.broadcast_to(indices[:, None], u.shape).reshape(k, size)
-        order = np.argsort(places, axis=1)
-        t = t0 + (np.take_along_axis(places, order, axis=1) - 0.5) * h
-        passed = np.repeat((places <= self.index).sum(axis=1), size)
-        caught = np.array([t.ravel(), order.ravel(), v.ravel(), passed])
-        address = self._stops[1].address
-        table = np.array([[address, size, i * size, i * size, 0, -1] for i in range(k)])
-        usual = self._look
-        self._look = Look(_NO_WATCH, self.observer.record._replace(table=table, out=u.reshape(-1), extremes=caught))
-        try:
-            self.advance(target, target + 1, stop)  # this saves no state
-        finally:
-            self._look = usual
-        return u, caught[T_LOW].reshape(v.shape) / self._unit
-
     def _reserve(self, states: int) -> None:
         """Reserve space for saved states and their outputs."""
         self._u, self._v = np.empty((2, states, *self._rows.shape[1:]))
         self._outputs = {name: np.empty((states, *shape)) for name, shape in self._saves.items()}
         self.observer.save_in(self._outputs)
 
-    def save(self) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+    def save(self) -> tuple[int, np.ndarray, np.ndarray, list[np.ndarray]]:
         """Return a copy of the states, for `restore`."""
-        return self.index, self._state.copy(), self._counters.copy(), self.observer.numbers.copy()
+        return self.index, self._state.copy(), self._counters.copy(), self.observer.save()
 
-    def restore(self, saved: tuple[int, np.ndarray, np.ndarray, np.ndarray]) -> None:
+    def restore(self, saved: tuple[int, np.ndarray, np.ndarray, list[np.ndarray]]) -> None:
         """Go back to states that `save` has returned."""
-        self.index, self._state[:], self._counters[:], self.observer.numbers[:] = saved
+        self.index, self._state[:], self._counters[:], observed = saved
+        self.observer.restore(observed)
 
     def repeat(self, model: int, lanes: np.ndarray) -> None:
         """Copy a lane to the lanes of a mask."""
@@ -220,17 +200,21 @@ class LaneState:
         p = self._p[layout.shared if layout.own else layout.begin_of_steps :].reshape(-1, layout.lanes)
         p[:, lanes] = p[:, model, None]
         self._set_numbers(np.where(lanes, self._numbers[model], self._numbers))
+        self.observer.rest(lanes)
 
     def extremes(self, name: str) -> np.ndarray:
-        """The minimum and the maximum of a quantity so far, and the step indices where they occurred: (4, k, lanes)."""
-        found = self.observer.extremes(name).copy()
-        found[T_LOW:] = self.index_of(found[T_LOW:])
-        return found
+        """The minimum and the maximum of a quantity so far, and the numbers of steps to their times: (4, k, lanes)."""
+        return self.in_steps(self.observer.extremes(name))
 
-    def index_of(self, t: np.ndarray) -> np.ndarray:
-        """Return the step indices of times of the kernel."""
+    def in_steps(self, extremes: np.ndarray) -> np.ndarray:
+        """Return extremes of all lanes with numbers of steps in place of times of the kernel.
+
+        A number is no integer if the extreme is at an event within a step.
+        """
         h, t0 = self._clock
-        return np.rint((t - t0) / h)
+        places = (extremes[T_LOW:] - t0) / h
+        nearest = np.rint(places)
+        return np.concatenate([extremes[:T_LOW], np.where(abs(places - nearest) < _ON_GRID, nearest, places)])
 
     def unwritten(self) -> np.ndarray:
         """Return a mask of shape (n, lanes): the entries of a that rhs did not write in the last step."""

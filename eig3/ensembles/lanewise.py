@@ -14,10 +14,9 @@ from ..functions.quantities import Quantity
 from ..kernels.adaptive_lanes import adaptive_kernel, compile_event
 from ..kernels.compile.numba_internals import gist, options_of
 from ..kernels.constraint_lanes import UnrolledConstraints, compile_constrained, compile_keeping
-from ..kernels.lane_stops import stops_kernel
-from ..kernels.lanes import Lanes, Layout, compile_caught, compile_quantity, compile_rhs, compile_watched
+from ..kernels.lanes import Lanes, Layout, compile_quantity, compile_rhs
 from ..kernels.loops.fixed import wide_kernel
-from ..kernels.protocol import FOLLOWS
+from ..kernels.protocol import FOLLOWS, SEARCHES_LANES
 from ..methods import Method
 from ..run.prepare import Prepared
 from ..stepping.run_options import RunOptions
@@ -51,7 +50,6 @@ _OTHER_CONSTRAINTS = (
     "params come from scenes whose constraints join different points than in this problem; make a problem of each "
     "scene."
 )
-_EVENTS_OF_LINKS = "lanes with fixed steps do not locate the events at which links of a structure turn."
 _SPARSE = (
     "params have a sparse matrix and differ between members; lanes read a sparse matrix only from params that all "
     "members share."
@@ -102,13 +100,12 @@ class Setup:
         The function that enforces the constraints, if any: a step of EIG-3, or the projection after each step.
     quantities : dict of str to (Quantity, Lanes)
         With fixed steps, the invariants and the outputs.
-    events : list of Lanes
-        The functions g of the events.
+    events : list of (Lanes, int)
+        The functions g of the events, and their numbers of values.
+    places : list of (int, int)
+        For each event the function, and the number of its value there.
     observes : bool
         Whether steps with tolerances are observed.
-    stops : (callable, Lanes) or None
-        With fixed steps, if the only observed functions are events that only end members: the kernel that searches
-        their steps, and the function that enforces constraints in them.
     pace : Pace
     """
 
@@ -123,9 +120,9 @@ class Setup:
     constrained_step: Lanes | None
     project: Lanes | None
     quantities: dict[str, tuple[Quantity, Lanes]]
-    events: list[Lanes]
+    events: list[tuple[Lanes, int]]
+    places: list[tuple[int, int]]
     observes: bool
-    stops: tuple[Callable, Lanes] | None
     pace: Pace = field(default_factory=Pace)
 
 
@@ -153,8 +150,6 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
         rows = len(options.events) + sum(_ROWS_FOLLOWED * quantity.width for quantity in followed.values())
         more = unrolled.room + members.n if unrolled else 0
         layout = layout_of(members, method, rows + more, threads, named)
-        if named and any(hasattr(event.g, "callback") for event in options.events.values()):
-            obstacle = _EVENTS_OF_LINKS
         obstacle = _AT_TIMES if options.t_eval is not None else obstacle
     if obstacle and (layout or not options.has_tolerances):
         return None, f"The members run one at a time, because {obstacle}"
@@ -183,9 +178,7 @@ def _compiled(
     named: NamedLanes | None,
 ) -> dict[str, Any]:
     """Compile the functions of a `Setup`."""
-    is_adaptive, events = layout.has_own_times, options.events.values()
-    only_ends = bool(events) and not (is_adaptive or followed or unrolled)
-    only_ends = only_ends and all(event.terminal and event.apply is None for event in events)
+    is_adaptive = layout.has_own_times
     has_constrained_step = bool(method.second) and not is_adaptive
     given, keeping = (rhs, callback, layout), None
     of = named and named.function
@@ -198,20 +191,42 @@ def _compiled(
     for name, quantity in ({} if is_adaptive else followed).items():
         mine = quantity.function, quantity.callback, layout
         quantities[name] = quantity, _lanes_of(*mine, compile_quantity, quantity.shape, of=of and of(quantity.function))
-    looks = []
-    for name, event in options.events.items():
-        g = Quantity(f"events[{name!r}].g", event.g, form=layout.form)
-        looking = (compile_event,) if is_adaptive else (compile_watched, int(event.direction), only_ends)
-        looks.append(_lanes_of(g.function, g.callback, layout, *looking, of=of and of(g.function)))
+    looks, places = _events_of(layout, options, named)
     constrained_step, project = (keeping, None) if has_constrained_step else (None, keeping)
     observes = bool(looks or followed) or options.t_eval is not None or options.save_every is not None
     if is_adaptive:
         kernel = adaptive_kernel(method.variable, layout.form, layout.n, layout.lanes, observes)
+    elif looks:
+        kernel = wide_kernel(method.formulas, SEARCHES_LANES, method.second, options.method.order, layout.form)
     else:
-        kernel = wide_kernel(method.formulas, FOLLOWS if quantities or looks or project else 0, method.second)
-    stops = (stops_kernel(method.formulas, options.method.order, layout.form), compile_caught()) if only_ends else None
+        kernel = wide_kernel(method.formulas, FOLLOWS if quantities or project else 0, method.second)
     functions = {"kernel": kernel, "rhs": in_blocks, "constrained_step": constrained_step, "project": project}
-    return {**functions, "quantities": quantities, "events": looks, "observes": observes, "stops": stops}
+    return {**functions, "quantities": quantities, "events": looks, "places": places, "observes": observes}
+
+
+def _events_of(
+    layout: Layout, options: RunOptions, named: NamedLanes | None
+) -> tuple[list[tuple[Lanes, int]], list[tuple[int, int]]]:
+    """Compile the functions of the events, and return them with their numbers of values, and the place of each event.
+
+    The events of the links of a structure are values of one function.
+    """
+    compiled: dict[Any, tuple[Lanes, int]] = {}
+    places = []
+    for name, event in options.events.items():
+        g = Quantity(f"events[{name!r}].g", event.g, form=layout.form)
+        function, number, how = g.function, 0, (compile_quantity, ())
+        if layout.has_own_times:
+            how = (compile_event,)
+        elif named and hasattr(g.function.py_func, "family"):
+            function, count, number = g.function.py_func.family
+            how = compile_quantity, (count,)
+        if function not in compiled:
+            of = named and named.function(function)
+            in_lanes = _lanes_of(function, g.callback, layout, *how, of=of)
+            compiled[function] = in_lanes, how[1][0] if how[1:] and how[1] else 1
+        places.append((list(compiled).index(function), number))
+    return list(compiled.values()), places
 
 
 def _unrolled_of(rhs: Any, layout: Any, members: Members) -> tuple[UnrolledConstraints | None, str]:

@@ -47,8 +47,8 @@ class NamedLanes:
         return np.concatenate([np.arange(places[name].start, places[name].stop) for name in self._own])
 
     def function(self, function: Any) -> Callable:
-        """Return the Python function for lanes of a function that is bound to these parameters."""
-        inner = function.py_func.inner
+        """Return the Python function for lanes of a function that reads these parameters."""
+        inner = getattr(function.py_func, "inner", function)
         if hasattr(inner.py_func, "line_by_line"):
             inner = inner.py_func.line_by_line(self._values)
         if not self._own:

@@ -30,6 +30,8 @@ class Family:
         f.
     count : int
         The number of members.
+    values : jitted function, optional
+        ``values(t, u, v, p, out)`` writes the values of all members: lanes evaluate them together.
 
     Attributes
     ----------
@@ -37,8 +39,9 @@ class Family:
         They can also be called from Python and from compiled functions. Only such a call compiles them.
     """
 
-    def __init__(self, function: Jitted, count: int) -> None:
-        self._function = function
+    def __init__(self, function: Jitted, count: int, values: Any = None) -> None:
+        self._function, self._values = function, values
+        self._count = count
         self._callbacks: dict[tuple[str, str], list[Callback]] = {}
         self._libraries: list[Any] = []  # keep the machine code of the members alive
         self.members = [self._member(k) for k in range(count)]
@@ -53,6 +56,8 @@ class Family:
         # In another process a member is a function without `callback`: it calls the bound function, in kernels' form.
         vars(member).pop("inner", None)
         member.reads_z = True  # type: ignore[attr-defined]
+        if self._values is not None:
+            member.family = self._values, self._count, k  # type: ignore[attr-defined]
         whole = inspect.signature(function.py_func)
         member.__signature__ = whole.replace(parameters=list(whole.parameters.values())[1:])  # type: ignore[attr-defined]
         jitted = jit(member)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from operator import methodcaller
 from threading import Event
 from typing import Any
 
@@ -37,7 +38,7 @@ class Stop:
         self._own.set()
 
     def is_set(self) -> bool:
-        return any(event.is_set() for event in self._events)
+        return any(map(methodcaller("is_set"), self._events))  # it is called often: a generator takes more calls
 
 
 def side_by_side(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from .links import check_links, events_of, states_of
 from .loads import check_ground, check_table
 from .matrices import Mass, check_mass, check_matrix, check_symmetric, edge_of_blocks
 from .modal import exact_motion, unknown
-from .source import INTEGRALS, LOADED, Parts, energy, right_hand_side
+from .source import INTEGRALS, LOADED, Parts, energy, of_events, right_hand_side
 from .structure import Structure
 
 _LINKS = "the structure has links: leave them out"
@@ -139,7 +140,7 @@ def linear(
         names=_names(names, n),
         units=units if isinstance(units, str) else tuple(units),
         z0=states_of(kinds, values) | (dict.fromkeys(INTEGRALS[: 3 if kinds else 2], 0.0) if work else {}),
-        events=events_of(kinds, values, every.layout),
+        events=events_of(kinds, values, every.layout, partial(of_events, parts)),
     )
 
 

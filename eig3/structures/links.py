@@ -7,7 +7,7 @@ unknowns: the rate of a state that only events change is 0.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -129,6 +129,17 @@ def write_output(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str,
         out.line(f"out[at] = {what}", "at += 1")
 
 
+def write_events(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], k: int) -> None:
+    """Write the values of the events of a kind of links to `out`."""
+    out.line(
+        "place = n",
+        *(f"place += {kind.size} * p.link_{q}_first.size" for q, kind in enumerate(kinds[:k]) if kind.has_state),
+    )
+    for s, i, j in text.links(out, k):
+        _write_one(k, kinds[k], text, out, names, s, (i, j))
+        out.line(f"out[at] = {_call(k, kinds[k], 'event', s)}", "at += 1")
+
+
 def write_shear(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]) -> None:
     """Add the forces of all links in the direction of the ground motion to `total`."""
     for _, _, _, ends in _each(kinds, text, out, names):
@@ -154,14 +165,20 @@ def _each(
         out.line(*[f"place += {kind.size} * p.link_{k}_first.size"] * kind.has_state)
 
 
-def events_of(kinds: Sequence[Kind], values: dict[str, Any], layout: Layout) -> dict[str, Event]:
-    """Return the events of the links, by names such as "elastic plastic 0"."""
+def events_of(
+    kinds: Sequence[Kind], values: dict[str, Any], layout: Layout, together: Callable[[int], Any]
+) -> dict[str, Event]:
+    """Return the events of the links, by names such as "elastic plastic 0".
+
+    ``together(k)`` returns a function that writes the values of all events of the kind k.
+    """
     found: dict[str, Event] = {}
     before, counts = "", Counter[str]()
     for k, kind in enumerate(kinds):
         count = len(values[f"link_{k}_first"])
         if "event" in kind.names:
-            g, apply = (Family(layout.bind(function, 4), count).members for function in _of_events(k, kind, before))
+            event, change = (layout.bind(function, 4) for function in _of_events(k, kind, before))
+            g, apply = Family(event, count, together(k)).members, Family(change, count).members
             changes = "state_after" in kind.names
             for s in range(count):
                 name = f"{kind.title} {counts[kind.title] + s}"

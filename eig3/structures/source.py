@@ -186,6 +186,16 @@ def of_links(parts: Parts, what: str) -> Any:
     return marked(without_runtime(define(str(out), "structure", names)["of_links"]), parts, of_links, what)
 
 
+@functools.lru_cache(_KEPT)
+def of_events(parts: Parts, k: int) -> Any:
+    """Return an output with the value of each event of a kind of links."""
+    out, names = Writer(), dict[str, Any](__name__=__name__)
+    with out.block("def of_events(t, u, v, p, out)"):
+        out.line(f"n, at = {parts.text.n}, 0")
+        links.write_events(parts.links, parts.text, out, names, k)
+    return marked(without_runtime(define(str(out), "structure", names)["of_events"]), parts, of_events, k)
+
+
 def marked(function: Any, parts: Parts, write: Callable[..., Any], *given: Any) -> Any:
     """Mark a function of a structure: how it is written line by line, and whether it takes the states of links."""
     if not parts.has & {"consistent"} and parts.threads == 1:

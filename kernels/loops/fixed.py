@@ -27,7 +27,6 @@ from ..protocol import (
     ANEW,
     EVALUATIONS,
     FAILED,
-    FOLLOWS,
     FULL,
     GOING,
     LOGGED,
@@ -37,6 +36,7 @@ from ..protocol import (
     RESET,
     SCALAR,
     SEARCHES,
+    SEARCHES_LANES,
     STEPS,
     VECTOR,
     WITHIN,
@@ -52,6 +52,7 @@ from ..protocol import (
 )
 from .follow import end_part, functions, inline_functions, no_history, no_projection, widen_all
 from .formulas import Formulas, nothing
+from .lane_search import LOOK_IN_LANES, is_full, search_lanes, searching_in_lanes
 from .march import FOUND, THROUGH, copy_two, march, settle
 from .pair import U_END, V_END, A
 from .search import search_names, work_rows
@@ -105,8 +106,9 @@ def plain(callbacks, f, c, y, n, scratch, counters, steps, look):
 def following(callbacks, f, c, y, n, scratch, counters, steps, look):
     """Take the steps, and follow quantities."""
     i, row, last, found = steps.first, steps.row, steps.first + steps.count, THROUGH
+    pair = rows(look.watch.before, 2) if LOOKS == SEARCHES_LANES else None
     while i < last and found == THROUGH:
-        there, i, row, found = MARCHES(f, c, y, n, scratch, counters, steps, look, None, i, last, START_STEPS, row)
+        there, i, row, found = MARCHES(f, c, y, n, scratch, counters, steps, look, pair, i, last, START_STEPS, row)
         if STACKED == 0:  # see `march`
             y = there
         end_part(look.follow, counters, i, n, y[1])
@@ -254,11 +256,12 @@ def inline_kernel(
 
 
 @functools.cache
-def wide_kernel(method: Formulas, looks: int, second: str = "") -> Any:
+def wide_kernel(method: Formulas, looks: int, second: str = "", order: int = 0, form: Form = VECTOR) -> Any:
     """Return the kernel of the vector form for a block of trajectories, see `eig3.kernels.lanes`.
 
     It is `kernel`, with `looks` 0 or `FOLLOWS`, but with the widest vectors that the processor has. The loops are in
-    the elements of the method: these are compiled anew.
+    the elements of the method: these are compiled anew. With `SEARCHES_LANES`, it needs the order of the method and the
+    form of a single run.
     """
     if looks == 0 and not has_wide_vectors():
         return kernel(method, 0, VECTOR, 0, looks=0, second=second)
@@ -268,6 +271,11 @@ def wide_kernel(method: Formulas, looks: int, second: str = "") -> Any:
     names |= {"EVALUATE": evaluate_lanes, "WIDEN": nothing_to_widen, "MAY_BE_ONLY": 0}
     names |= {"ADVANCE_HISTORY": no_history, "PROJECT": functions(VECTOR).project}
     label = f"{method.label}_wide_{looks}{second}" if method.is_own else ""
+    if looks == SEARCHES_LANES:
+        label += f"_{form.name}" * method.is_own
+        names["IS_FULL"] = is_full
+        named = {**searching_in_lanes(method, order, form), "EVALUATE_LANES": evaluate_lanes}
+        names["SEARCH_LANES"] = element(bound(search_lanes, named))
     with wide_vectors():
         return _compile(method, 0, VECTOR, callbacks, names, looks, label)
 
@@ -285,9 +293,9 @@ def _compile(
         names |= {**search_names(method, order, form), "IS_QUIET": quiet(form)}
     names["MARCH"] = element(bound(march, names))
     names["MARCHES"] = element(bound(marches, names))
-    advance = {0: plain, FOLLOWS: following, SEARCHES: searching}[looks]
+    advance = {0: plain, SEARCHES: searching}.get(looks, following)
     names["ADVANCE"] = element(bound(advance, names))
-    records = STEPS, LOOK if looks else none
+    records = STEPS, {0: none, SEARCHES_LANES: LOOK_IN_LANES}.get(looks, LOOK)
     signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, vector_type, *records)
     return compile_kernel(fixed, names, signature, label)
 

@@ -17,7 +17,7 @@ import math
 import numba
 
 from ..compile.jit import element
-from ..protocol import DUE, FAILED, NEXT, PART, PARTS, SEARCHES, SPACING, At, row_index
+from ..protocol import DUE, FAILED, NEXT, PART, PARTS, SEARCHES, SEARCHES_LANES, SPACING, At, row_index
 from .follow import acts_at_each, next_due, only_quantity, save, widen_only
 from .pair import U_END, V_END, U, V
 
@@ -33,7 +33,7 @@ def march(step, complete, f, y, c, n, steps, look, counters, pair, first, last, 
 
     A step may return the rows in another order. Return the last `y`, the step index that was reached, the next row of
     `steps.u_rows` to write, and how the march ended. If a step is found, u and v before it are in `pair`, and the state
-    after it is not written.
+    after it is not written. In lanes, steps are searched here, and FOUND means that the log is full.
     """
     left = steps.every - first % steps.every
     if LOOKS > 0:
@@ -44,12 +44,12 @@ def march(step, complete, f, y, c, n, steps, look, counters, pair, first, last, 
         e, low, high, t_low, t_high = math.nan, math.inf, -math.inf, math.nan, math.nan
     if LOOKS > 0:
         due, spacing, follow, is_complete = counters[DUE], counters[SPACING], look.follow, True
-        looks_at_each = LOOKS == SEARCHES or acts_at_each(follow)
+        looks_at_each = LOOKS >= SEARCHES or acts_at_each(follow)
     if LOOKS == SEARCHES:
         wanted = next_time(look.watch, counters)
     i, t, ended = first, steps.t0 + first * steps.h, THROUGH
     while i < last:
-        if LOOKS == SEARCHES:
+        if LOOKS >= SEARCHES:
             copy_two(pair[U], pair[V], y[0], y[1], n)
         y_next, success = step(f, At(i, t, steps.h, steps.p), y, c, n)
         if not success:
@@ -73,6 +73,8 @@ def march(step, complete, f, y, c, n, steps, look, counters, pair, first, last, 
                 if wanted <= t or not IS_QUIET(look.watch, counters, t, u, v, steps.p):
                     ended = FOUND
                     break
+            if LOOKS == SEARCHES_LANES:
+                SEARCH_LANES(look, i, t, y, steps)
             quantities = follow.invariants
             if i >= due:
                 quantities = 0
@@ -106,6 +108,9 @@ def march(step, complete, f, y, c, n, steps, look, counters, pair, first, last, 
                 save(follow, row)
             row += 1
             left = steps.every
+        if LOOKS == SEARCHES_LANES and IS_FULL(look):
+            ended = FOUND
+            break
     if LOOKS > 0:
         counters[DUE] = due
         if not is_complete:

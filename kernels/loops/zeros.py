@@ -111,31 +111,25 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
         if g_end != g_end:
             counters[ENDED_BY] = k
             return (NOT_A_NUMBER, 0.0, t) if size < _OVERFLOWING else (PASSED, 1.0, t_end)
-        crossing, side = CROSSING(
-            watch.events[k, G],
-            counters[mine + SIDE],
-            counters[mine + _FREE],
-            counters[mine + _LEVEL],
-            t - counters[mine + LAST],
-            g_end,
-            t,
-            h,
-            n,
-            coefficients,
-            u,
-            v,
-            p,
-            tolerance,
-        )
+        crossing, side = _NEVER, counters[mine + SIDE]
+        if not _is_unwanted(watch.events[k, _DIRECTION], side):
+            crossing, side = CROSSING(place, counters, k, g_end, t, h, n, coefficients, u, v, p, tolerance)
         if crossing < 0:
             counters[ENDED_BY] = k
             return RESTING, 0.0, t
-        is_wanted = watch.events[k, _DIRECTION] != (1 if side > 0 else -1)
-        search[_CROSSING, k], search[_DUE, k] = crossing, crossing if is_wanted else _NEVER
+        is_unwanted = _is_unwanted(watch.events[k, _DIRECTION], side)
+        search[_CROSSING, k], search[_DUE, k] = crossing, _NEVER if is_unwanted else crossing
         search[_END, k], counters[mine + SIDE] = g_end, side
         if side != 0:
             counters[mine + _FREE] = 0.0
     outcome, s, stop = PASSED, 1.0, t_end
+    if _earliest(search[_DUE], count) >= 0:  # where other events matter only if they are at the same time
+        for k in range(count):
+            side = counters[EVENTS + EVENT_VALUES * k + SIDE]
+            if _is_unwanted(watch.events[k, _DIRECTION], side) and search[_CROSSING, k] == _NEVER:
+                search[_CROSSING, k], _ = CROSSING(
+                    place, counters, k, search[_END, k], t, h, n, coefficients, u, v, p, tolerance
+                )
     while True:
         k = _earliest(search[_DUE], count)
         if k < 0 or search[_DUE, k] > (1.0 if outcome == PASSED else s + _TOGETHER * tolerance):
@@ -206,30 +200,37 @@ def _note_side(search, counters, k, is_crossing, g):
         counters[mine + _FREE] = 0.0
 
 
-def crossing_within(address, side, free, level, since, g_end, t, h, n, coefficients, u, v, p, tolerance):
-    """Return the fraction of the step at which g changes its sign, or `_NEVER`, and the sign of g before.
+@element
+def _is_unwanted(direction, side):
+    """Return whether a change of sign from this side of zero is in the other direction than wanted."""
+    return side != 0 and direction == (1 if side > 0 else -1)
 
-    `side` has the sign of g at the start. If it is zero, the sign is that just after the start. `free` has the sign
-    from which the last reset of the event came, if it left g at zero, and is zero otherwise. This reset was at the time
-    `since` before t, and g was `level` after it. If g then leaves to the other side with the rate 0, it rests on its
-    zero: -1 is returned as the fraction.
+
+def crossing_within(place, counters, k, g_end, t, h, n, coefficients, u, v, p, tolerance):
+    """Return the fraction of the step at which g of the event k changes its sign, or `_NEVER`, and the sign before.
+
+    The counters have the sign of g at the start. If it is zero, the sign is that just after the start. They also have
+    the sign from which the last reset of the event came, if it left g at zero, and otherwise zero. If g then leaves to
+    the other side with the rate 0, it rests on its zero: -1 is returned as the fraction.
 
     The ITP method takes at most one more evaluation than bisection, and as few as the secant method if g is smooth:
     I. F. D. Oliveira and R. H. C. Takahashi, ACM Transactions on Mathematical Software 47 (2020), 5.
     """
-    low, high = 0.0, 1.0
-    if not abs(side) > 0:
+    address, mine = look_at(place).watch.events[k, G], EVENTS + EVENT_VALUES * k
+    side = counters[mine + SIDE]
+    low, high, g_high, is_known = 0.0, 1.0, g_end, abs(side) > 0
+    if not is_known:
+        free, level, since = counters[mine + _FREE], counters[mine + _LEVEL], t - counters[mine + LAST]
         low, g_low, side = DEPARTURE(address, free, level, since, g_end, t, h, n, coefficients, u, v, p, tolerance)
-    else:
-        evaluate(coefficients, low, n, u, v)
-        g_low = EVENT(address, t, u, v, p)
-    g_high = g_end
-    is_rising = side < 0
-    has_changed = g_end > 0 if is_rising else g_end < 0  # after a zero at the end, the next step shows it
     if low < 0:
         return low, side
+    is_rising = side < 0
+    has_changed = g_end > 0 if is_rising else g_end < 0  # after a zero at the end, the next step shows it
     if side == 0 or not has_changed:
         return _NEVER, side
+    if is_known:
+        evaluate(coefficients, low, n, u, v)
+        g_low = EVENT(address, t, u, v, p)
     if g_low == 0 or (g_low < 0) != is_rising:  # zero, up to round-off
         return low, side
     spread, radius = _SPREAD / (high - low), high - low
