@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.effects import BoucWen, Cable, ElasticPlastic, LinearDamper, LinearSpring, Maxwell
+from eig3.effects import (
+    BoucWen,
+    Cable,
+    ElasticPlastic,
+    FrictionPendulum,
+    LeadRubber,
+    LinearDamper,
+    LinearSpring,
+    Maxwell,
+)
 from eig3.math import cos
 from eig3.structures import base_shear, link_forces, storey_drifts
 
@@ -22,6 +31,10 @@ LINKS = [
     (BoucWen(20.0, 0.05, 0.1, sharpness=2.0), None, [0, 1]),
     (Maxwell(10.0, 2.0), 0, 3),
     (LinearDamper(0.2), 2, None),
+]
+BEARINGS = [
+    (LeadRubber(20.0, 1.0, 0.05), None, [(0, 1), (3, 2)]),
+    (FrictionPendulum(0.1, 1.0, 9.0, 0.03), (0, 1), (2, None)),
 ]
 SCALES = np.linspace(0.3, 3, 40)
 MEMBERS = 0, 7, 39
@@ -40,6 +53,7 @@ STRUCTURES = {
     "links": ({"ground": GROUND, "links": LINKS, "damping": RAYLEIGH}, "ground_scale"),
     "function": ({"force": push, "params": {"strength": 1.0}, "links": LINKS}, "strength"),
     "work": ({"ground": GROUND, "work": True, "damping": RAYLEIGH, "C": C, "links": LINKS}, "ground_scale"),
+    "bearings": ({"ground": GROUND, "work": True, "links": BEARINGS, "damping": RAYLEIGH}, "ground_scale"),
     "stiffness of links": ({"ground": GROUND, "links": LINKS[:1]}, "link_0_stiffness"),
 }
 

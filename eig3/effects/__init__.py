@@ -15,6 +15,7 @@ from .coulomb import Coulomb
 from .coulomb_friction import CoulombFriction
 from .dihedral import Dihedral
 from .elastic_plastic import ElasticPlastic
+from .friction_pendulum import FrictionPendulum
 from .gap import Gap
 from .giuffre_menegotto_pinto import GiuffreMenegottoPinto
 from .gravity import Gravity
@@ -24,6 +25,7 @@ from .harmonic_force import HarmonicForce
 from .hertz_contact import HertzContact
 from .hertz_mindlin import HertzMindlin
 from .hinge_bending import HingeBending
+from .lead_rubber import LeadRubber
 from .lennard_jones import LennardJones
 from .linear_damper import LinearDamper
 from .linear_spring import LinearSpring
@@ -64,6 +66,7 @@ __all__ = [
     "CoulombFriction",
     "Dihedral",
     "ElasticPlastic",
+    "FrictionPendulum",
     "FrictionalContact",
     "Gap",
     "GiuffreMenegottoPinto",
@@ -74,6 +77,7 @@ __all__ = [
     "HertzContact",
     "HertzMindlin",
     "HingeBending",
+    "LeadRubber",
     "LennardJones",
     "LinearDamper",
     "LinearSpring",

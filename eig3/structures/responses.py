@@ -53,7 +53,7 @@ def link_forces(problem: Problem) -> tuple[Any, int]:
     -------
     (jitted function, int)
         The function and its number of values: N, or N m for links of rotations. Links of one effect are together, in
-        the order in which their effects come first in `links`.
+        the order in which their effects come first in `links`. A link across two directions has two values.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def link_stretches(problem: Problem) -> tuple[Any, int]:
 
 def _of_links(problem: Problem, what: str) -> tuple[Any, int]:
     p, parts = _params(problem, "states"), parts_of(problem)
-    return source.of_links(parts, what), sum(len(p[f"link_{k}_first"]) for k in range(len(parts.links)))
+    return source.of_links(parts, what), sum(np.size(p[f"link_{k}_first"]) for k in range(len(parts.links)))
 
 
 def parts_of(problem: Problem) -> source.Parts:
