@@ -17,7 +17,7 @@ from eig3.effects import (
     Maxwell,
 )
 from eig3.math import cos
-from eig3.structures import base_shear, link_forces, storey_drifts
+from eig3.structures import base_shear, link_ductility, link_forces, storey_drifts
 
 N = 4
 M = np.array([1.0, 2.0, 3.0, 1.5])
@@ -71,7 +71,7 @@ def test_members_are_single_runs(options, name, h):
     own = np.multiply.outer(SCALES, getattr(problem.params, name))
     outputs = {"drift": storey_drifts(problem, range(N))}
     outputs |= {"shear": base_shear(problem)} if "ground" in options else {}
-    outputs |= {"pulls": link_forces(problem)} if "links" in options else {}
+    outputs |= {"pulls": link_forces(problem), "ductility": link_ductility(problem)} if "links" in options else {}
     members = problem.ensemble(params={name: own}, h=h, outputs=outputs)
     assert not [note for note in members.notes if "one at a time" in note]
     for i in MEMBERS:

@@ -23,6 +23,11 @@ def rate_of_stretch(rate, state, yield_length, sharpness, pinching):
     return rate * (1 - share * (1 - pinching + (pinching if rate * state > 0 else -pinching)))
 
 
+@element
+def over_yield_length(r, yield_length, rest_length):
+    return abs(r - rest_length) / yield_length
+
+
 @dataclass(frozen=True, eq=False)
 class BoucWen(Link):
     """A link that yields smoothly, by Bouc and Wen: an isolator, a damper of steel, a member with plastic hinges.
@@ -82,3 +87,4 @@ class BoucWen(Link):
 
     tension = tension_of_both
     state_rate = rate_of_stretch
+    ductility = over_yield_length

@@ -1,5 +1,7 @@
 """Smooth yielding in the plane within a circle, for isolators."""
 
+from math import sqrt
+
 from ..kernels.compile.jit import element
 from ..kernels.elementary import exp, log
 
@@ -20,3 +22,8 @@ def pull_of_both(r, state, stiffness, strength, yield_length):
     """The force of a spring and of what yields beside it."""
     share = strength / yield_length
     return stiffness * r[0] + share * state[0], stiffness * r[1] + share * state[1]
+
+
+@element
+def distance_over_yield(r, yield_length):
+    return sqrt(r[0] * r[0] + r[1] * r[1]) / yield_length

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
 from ..scene.effect import Link
-from .circle import pull_of_both, within_circle
+from .circle import distance_over_yield, pull_of_both, within_circle
 
 
 @element
@@ -81,3 +81,4 @@ class FrictionPendulum(Link):
 
     tension = pull_of_slider
     state_rate = within_circle
+    ductility = distance_over_yield

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..scene.effect import Link
-from .circle import pull_of_both, within_circle
+from .circle import distance_over_yield, pull_of_both, within_circle
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,3 +66,4 @@ class LeadRubber(Link):
 
     tension = pull_of_both
     state_rate = within_circle
+    ductility = distance_over_yield

@@ -414,6 +414,9 @@ class Link(Effect):
         The name of the field with the distance beyond which all functions of the link are 0. Pairs beyond it are
         skipped before their distance is computed, which makes contacts between many pairs fast. Empty for links without
         a cutoff.
+    ductility : jitted function, optional
+        The size of the stretch relative to the stretch at yield, from r and fields that other functions read, for
+        `eig3.structures.link_ductility`.
     mixed : tuple of str
         The fields that can have a value for each point of a pair force: see `Scene.add`.
     """
@@ -426,6 +429,7 @@ class Link(Effect):
     takes: ClassVar[tuple[int, ...]] = (2,)
     mixed: ClassVar[tuple[str, ...]] = ()
     picture: ClassVar[str] = "line"
+    ductility: ClassVar[Any] = None
 
     def check_points(
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]

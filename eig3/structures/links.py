@@ -17,6 +17,7 @@ from ..functions.checks import shown
 from ..functions.events import Event
 from ..functions.families import Family
 from ..functions.layout import Layout, unknown_name
+from ..kernels.compile.numba_internals import Jitted
 from ..kernels.compile.source import Writer, define
 from ..kernels.protocol import index
 from ..scene.effect import RATE, Link, arguments
@@ -96,6 +97,8 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
         if same.all(axis=1).any() or (same & (ends[0] >= 0).reshape(same.shape)).any():
             raise ValueError(f"{said} must join two different degrees of freedom, or one and None for the ground.")
         acting = {name: f for name, f in law.functions().items() if name in (*_PULLS, RATE, "event", "state_after")}
+        if law.ductility:
+            acting["ductility"] = _ductility(law)
         kind = Kind(words(law.title), tuple(acting.items()), law.crossing, law.state_size, law.directions)
         if "rate_after" in law.functions():
             raise ValueError(f"{said} changes velocities at events, which a structure does not take: use a scene.")
@@ -139,6 +142,13 @@ def write_output(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str,
             out.line(f"out[at] = {what}{axis}", "at += 1")
 
 
+def write_ductility(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]) -> None:
+    """Write the ductility of each link that yields to `out`."""
+    for k, kind, s, _ in _each(kinds, text, out, names):
+        if "ductility" in kind.names:
+            out.line(f"out[at] = {_call(k, kind, 'ductility', s)}", "at += 1")
+
+
 def write_shear(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]) -> None:
     """Add the forces of all links in the direction of the ground motion to `total`."""
     for _, kind, _, ends in _each(kinds, text, out, names):
@@ -161,6 +171,15 @@ def _each(
             out.line(f"{', '.join(f'pull{axis}' for axis in kind.axes)} = {' + '.join(pulls)}")
             yield k, kind, s, ends
         out.line(*[f"place += {kind.size} * {number_of_links(k, kind.directions)}"] * kind.has_state)
+
+
+def _ductility(law: Any) -> Any:
+    """Return the function of the ductility of a link, which must read r and fields that other functions read."""
+    function = getattr(law.ductility, "__func__", law.ductility)  # without staticmethod, it is bound to the link
+    known = ["r", *law.columns((1,), 1)]
+    if not isinstance(function, Jitted) or any(x not in known for x in arguments(function)):
+        raise TypeError(f"ductility of {law.title} must be compiled with @eig3.jit, and read only {', '.join(known)}.")
+    return function
 
 
 def events_of(kinds: Sequence[Kind], values: dict[str, Any], layout: Layout) -> dict[str, Event]:
