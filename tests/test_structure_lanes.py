@@ -36,6 +36,7 @@ BEARINGS = [
     (LeadRubber(20.0, 1.0, 0.05), None, [(0, 1), (3, 2)]),
     (FrictionPendulum(0.1, 1.0, 9.0, 0.03), (0, 1), (2, None)),
 ]
+DEGRADING = [(BoucWen(20.0, 0.05, 0.1, deltaNu=0.3, deltaEta=0.2), 0, [1, 2]), (BoucWen(20.0, 0.05), None, 3)]
 SCALES = np.linspace(0.3, 3, 40)
 MEMBERS = 0, 7, 39
 
@@ -53,6 +54,7 @@ STRUCTURES = {
     "links": ({"ground": GROUND, "links": LINKS, "damping": RAYLEIGH}, "ground_scale"),
     "function": ({"force": push, "params": {"strength": 1.0}, "links": LINKS}, "strength"),
     "work": ({"ground": GROUND, "work": True, "damping": RAYLEIGH, "C": C, "links": LINKS}, "ground_scale"),
+    "degrading": ({"ground": GROUND, "links": DEGRADING, "damping": RAYLEIGH}, "ground_scale"),
     "bearings": ({"ground": GROUND, "work": True, "links": BEARINGS, "damping": RAYLEIGH}, "ground_scale"),
     "stiffness of links": ({"ground": GROUND, "links": LINKS[:1]}, "link_0_stiffness"),
 }

@@ -20,6 +20,7 @@ from eig3.effects import (
     Link,
     MassImpact,
     Maxwell,
+    Multilinear,
 )
 from eig3.scene import Scene
 from eig3.structures import Frame, Section, base_shear, link_ductility, link_forces, link_stretches, storey_drifts
@@ -234,6 +235,25 @@ def test_ductility_needs_a_link_that_yields():
 
     with pytest.raises(TypeError, match=re.escape("ductility of Odd must be compiled with @eig3.jit, and read only r")):
         structure([(Odd(1.0), 0, 1)])
+
+
+def test_backbone_curves_of_each_link():
+    """One law with a curve for each of its links, and a law with more points, beside their elements."""
+    stretches = np.array([[0.05, 0.1, 0.3], [0.1, 0.2, 0.4]])
+    curves = [
+        (Multilinear(stretches, [[2.0, 3.0, 4.0], [1.0, 1.5, 2.0]]), [0, 1], [1, 2]),
+        (Multilinear([0.1, 0.2, 0.3, 0.5], [1.0, 1.5, 1.8, 1.8]), None, 0),
+    ]
+    slopes = {(0, 1): (20.0, 15.0, 5.0), (1, 2): (5.0, 2.5, 2.5), (None, 0): (5.0, 2.0, 3.0, 0.0)}
+    yields = dict(zip(slopes, (*stretches, (0.1, 0.2, 0.3, 0.5)), strict=True))
+    elements = [
+        (ElasticPlastic(k, k * y) if n < len(slopes[ends]) - 1 else LinearSpring(k), *ends)
+        for ends in slopes
+        for n, (k, y) in enumerate(zip(slopes[ends], yields[ends], strict=True))
+    ]
+    runs = [structure(links).integrate(rtol=1e-9, t_eval=[4, 8]) for links in (curves, elements)]
+    assert runs[0].z["multilinear"].shape == (2, 7)
+    np.testing.assert_allclose(runs[0].u, runs[1].u, rtol=0, atol=1e-6)
 
 
 def test_forces_of_links_need_links():

@@ -33,6 +33,7 @@ from .mass_impact import MassImpact
 from .maxwell import Maxwell
 from .morse import Morse
 from .motor import Motor
+from .multilinear import Multilinear
 from .neo_hookean import NeoHookean
 from .plane_contact import PlaneContact
 from .prescribed_distance import PrescribedDistance
@@ -87,6 +88,7 @@ __all__ = [
     "Morse",
     "Motion",
     "Motor",
+    "Multilinear",
     "NeoHookean",
     "PlaneContact",
     "PointJoint",

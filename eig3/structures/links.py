@@ -41,6 +41,8 @@ class Kind(NamedTuple):
         The number of values of a state.
     directions : int
         The number of directions across which a link acts.
+    vectors : tuple of (str, int)
+        The parameters that are tuples, and their numbers of values.
     """
 
     title: str
@@ -48,6 +50,7 @@ class Kind(NamedTuple):
     crossing: int
     size: int
     directions: int
+    vectors: tuple[tuple[str, int], ...]
 
     @property
     def names(self) -> dict[str, Any]:
@@ -90,16 +93,17 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
             raise TypeError(f"{said} must be (link, first, second) with a link of eig3.effects, not {shown(each)}.")
         law: Any = each[0]
         law.check(1)
-        if law.arrays or law.vectors:
-            raise ValueError(f"{said} has a field that is not a number for each link, which a structure does not take.")
+        if law.arrays:
+            raise ValueError(f"{said} has a field that is an array for all links, which a structure does not take.")
         ends = np.stack(np.broadcast_arrays(*(_end(end, names, n, said, law.directions) for end in each[1:])))
         same = (ends[0] == ends[1]).reshape(len(ends[0]), -1)
         if same.all(axis=1).any() or (same & (ends[0] >= 0).reshape(same.shape)).any():
             raise ValueError(f"{said} must join two different degrees of freedom, or one and None for the ground.")
         acting = {name: f for name, f in law.functions().items() if name in (*_PULLS, RATE, "event", "state_after")}
         if law.ductility:
-            acting["ductility"] = _ductility(law)
-        kind = Kind(words(law.title), tuple(acting.items()), law.crossing, law.state_size, law.directions)
+            acting["ductility"] = _ductility(law, ends[0].shape[:1])
+        vectors = tuple((name, law.components(name, 1)) for name in law.vectors)
+        kind = Kind(words(law.title), tuple(acting.items()), law.crossing, law.state_size, law.directions, vectors)
         if "rate_after" in law.functions():
             raise ValueError(f"{said} changes velocities at events, which a structure does not take: use a scene.")
         parts.setdefault(kind, []).append((ends, law.columns(ends[0].shape[:1], 1)))
@@ -173,10 +177,10 @@ def _each(
         out.line(*[f"place += {kind.size} * {number_of_links(k, kind.directions)}"] * kind.has_state)
 
 
-def _ductility(law: Any) -> Any:
+def _ductility(law: Any, shape: tuple[int, ...]) -> Any:
     """Return the function of the ductility of a link, which must read r and fields that other functions read."""
     function = getattr(law.ductility, "__func__", law.ductility)  # without staticmethod, it is bound to the link
-    known = ["r", *law.columns((1,), 1)]
+    known = ["r", *law.columns(shape, 1)]
     if not isinstance(function, Jitted) or any(x not in known for x in arguments(function)):
         raise TypeError(f"ductility of {law.title} must be compiled with @eig3.jit, and read only {', '.join(known)}.")
     return function
@@ -249,8 +253,16 @@ def _state(array: str, kind: Kind, s: str) -> str:
 
 
 def _call(k: int, kind: Kind, name: str, s: str) -> str:
-    given = (x if x in ("t", "r", "rate", "state") else f"p.link_{k}_{x}[{s}]" for x in arguments(kind.names[name]))
-    return f"{name}_{k}({', '.join(given)})"
+    sizes = dict(kind.vectors)
+
+    def given(x: str) -> str:
+        if x in ("t", "r", "rate", "state"):
+            return x
+        if x in sizes:
+            return f"({', '.join(f'p.link_{k}_{x}[{s}, {i}]' for i in range(sizes[x]))})"
+        return f"p.link_{k}_{x}[{s}]"
+
+    return f"{name}_{k}({', '.join(map(given, arguments(kind.names[name])))})"
 
 
 def _end(end: Any, names: Sequence[str], n: int, said: str, directions: int) -> np.ndarray:
