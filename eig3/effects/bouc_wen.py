@@ -82,7 +82,7 @@ class BoucWen(Link):
     Other codes: ``uniaxialMaterial BoucWen`` of OpenSees with Ao = 1, and with beta = pinching / yield_length^n and
     gamma = (1 - pinching) / yield_length^n, where n = sharpness.
 
-    Not included: loops that are pinched, as in ``BWBN``. EIG-3, AB2 and RK2 need damping beside this link, because its
+    Not included: slip, as in ``BWBN``. EIG-3, AB2 and RK2 need damping beside this link, because its
     elastic force is a first-order unknown: see `Problem.critical_step`.
     """
 

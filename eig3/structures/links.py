@@ -93,10 +93,12 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
             raise TypeError(f"{said} must be (link, first, second) with a link of eig3.effects, not {shown(each)}.")
         law: Any = each[0]
         law.check(1)
+        if law.directions > 1 and "force_density" in law.functions():
+            raise ValueError(f"{said} acts across {law.directions} directions: give it a tension, not a force_density.")
         if law.arrays:
             raise ValueError(f"{said} has a field that is an array for all links, which a structure does not take.")
         ends = np.stack(np.broadcast_arrays(*(_end(end, names, n, said, law.directions) for end in each[1:])))
-        same = (ends[0] == ends[1]).reshape(len(ends[0]), -1)
+        same = (ends[0] == ends[1]).reshape(-1, law.directions)
         if same.all(axis=1).any() or (same & (ends[0] >= 0).reshape(same.shape)).any():
             raise ValueError(f"{said} must join two different degrees of freedom, or one and None for the ground.")
         acting = {name: f for name, f in law.functions().items() if name in (*_PULLS, RATE, "event", "state_after")}
