@@ -19,6 +19,7 @@ from eig3.effects import (
     LinearSpring,
     Link,
     Maxwell,
+    Multilinear,
     Rod,
 )
 from eig3.scene import Scene
@@ -137,6 +138,52 @@ def test_iwan_loops_follow_masings_rule():
     assert [len(run.events[f"elastic plastic {k}"]) for k in range(3)] == [2, 2, 2]
 
 
+def test_a_backbone_curve_makes_iwans_elements():
+    """Beside elements in parallel, and beside a curve of another number of points: each has a loop and states."""
+    curve, other = (
+        Multilinear([0.05, 0.1, 0.3], [2.0, 3.0, 4.0]),
+        Multilinear([0.1, 0.2, 0.3, 0.5], [1.0, 1.5, 1.8, 1.8]),
+    )
+    elements = ElasticPlastic(20.0, 1.0), ElasticPlastic(15.0, 1.5), LinearSpring(5.0)
+    others = ElasticPlastic(5.0, 0.5), ElasticPlastic(2.0, 0.4), ElasticPlastic(3.0, 0.9)
+    ends = [
+        oscillator(*links, force=6.0, omega=5.6).integrate(rtol=1e-10).u[-1, 0]
+        for links in ((curve, other), (*elements, *others))
+    ]
+    assert ends[0] == pytest.approx(ends[1], abs=1e-7)  # the events are at the same times, with other steps between
+
+
+def test_the_loops_of_a_backbone_curve_are_closed_and_follow_masings_rule():
+    """A heavy mass moves as a sine, so the branch that unloads is the backbone curve, twice as large."""
+    stretches, forces, peak = [0.1, 0.2, 0.4], [1.0, 1.5, 2.0], 0.5
+    spring = np.array([[1e9]])
+    problem = eig3.linear(
+        [1e9],
+        None,
+        spring,
+        links=[(Multilinear(stretches, forces), None, 0)],
+        v0=peak,
+        t_span=(0, 6.5 * np.pi),
+        work=True,
+    )
+    outputs = {"force": eig3.structures.link_forces(problem)}
+    run = problem.integrate(rtol=1e-10, t_eval=np.linspace(0, 6.5 * np.pi, 105), outputs=outputs)
+    x, tension = run.u[:, 0], run.outputs["force"][:, 0]
+
+    def backbone(x):
+        return np.interp(x, [0, *stretches, 0.6], [0, *forces, 2.5])
+
+    top = backbone(peak)
+    down = (run.t > np.pi / 2) & (run.t < 3 * np.pi / 2)
+    np.testing.assert_allclose(tension[down], top - 2 * backbone((peak - x[down]) / 2), rtol=0, atol=1e-6)
+    up = (run.t > 3 * np.pi / 2) & (run.t < 5 * np.pi / 2)
+    np.testing.assert_allclose(tension[up], 2 * backbone((peak + x[up]) / 2) - top, rtol=0, atol=1e-6)
+    absorbed = run.z["absorbed"][[40, 72, 104]]  # at peaks, one and two periods later
+    slopes = np.array([10.0, 5.0, 2.5])
+    loop = 4 * (slopes[:2] - slopes[1:]) * stretches[:2] * (peak - np.array(stretches[:2]))
+    np.testing.assert_allclose(np.diff(absorbed), loop.sum(), rtol=1e-6)
+
+
 def test_bouc_wen_loads_and_unloads_as_its_formula_says():
     """With the sharpness 1, z = y (1 - exp(-x / y)) at first; then it unloads with the slope 1 until z is 0."""
     y = 0.02
@@ -249,6 +296,16 @@ OF_OPENSEES = {
         [-0.4404261965, -0.1126075213, 0.1091485378, 0.1454662496, 0.2524562500],
         [-0.4403619158, -0.1126484976, 0.1091389949, 0.1454740595, 0.2524401558],
     ),
+    'uniaxialMaterial("BoucWen", 1, 0.1, 40.0, 1.0, 10.0, 10.0, 1.0, 0.02, 0.05, 0.1)': (
+        [BoucWen(40.0, 0.05, 0.1, deltaA=0.02, deltaNu=0.05, deltaEta=0.1)],
+        [-0.4455766613, -0.0939123126, 0.1391052134, 0.1519031127, 0.2538808309],
+        [-0.4455227896, -0.0939595833, 0.1391006153, 0.1519159244, 0.2538639069],
+    ),
+    'uniaxialMaterial("MultiLinear", 1, 0.05, 2.0, 0.1, 3.0, 0.3, 4.0)': (
+        [Multilinear([0.05, 0.1, 0.3], [2.0, 3.0, 4.0])],
+        [-0.5055534206, -0.0663913692, 0.0248717398, 0.1693125587, 0.3043600317],
+        [-0.5055244290, -0.0664208368, 0.0248808340, 0.1693138041, 0.3043567205],
+    ),
     'uniaxialMaterial("Parallel", 1, 2, 3) of ("Elastic", 2, 40) and ("Maxwell", 3, 30, 6, 1, 1)': (
         [LinearSpring(40.0), Maxwell(30.0, 6.0)],
         [0.0390925278, -0.0383560531, -0.1702432999, -0.2069659177, -0.1413967498],
@@ -358,6 +415,17 @@ def add_two_states():
         (lambda: BoucWen(1.0, 1.0, 1.5), "hardening of BoucWen must be 0 to 1"),
         (lambda: BoucWen(1.0, 1.0, 0.5, 0.5), "sharpness of BoucWen must be at least 1"),
         (lambda: BoucWen(1.0, 1.0, 0.5, 1.0, 0.2), "pinching of BoucWen must be 0.5 to 1"),
+        (lambda: BoucWen(1.0, 1.0, deltaNu=-1.0), "deltaNu of BoucWen must not be negative"),
+        (lambda: Multilinear([1.0, 2.0], [1.0, 1.5]), "stretches of Multilinear must have at least three points"),
+        (
+            lambda: Multilinear([1.0, 2.0, 2.0], [1.0, 2.0, 2.0]),
+            "stretches of Multilinear must be positive and increase",
+        ),
+        (lambda: Multilinear([1.0, 2.0, 3.0], [1.0, 1.2, 2.0]), "forces of Multilinear must have slopes that decrease"),
+        (
+            lambda: Multilinear([1.0, 2.0, 3.0], [1.0, 1.2]),
+            "forces of Multilinear must have as many points as stretches",
+        ),
         (lambda: Maxwell(1.0, 0.0), "damping of Maxwell must be positive"),
         (lambda: ElasticPlastic(0.0, 1.0), "stiffness of ElasticPlastic must be positive"),
         (lambda: ElasticPlastic(1.0, 0.0), "yield_force of ElasticPlastic must be positive"),

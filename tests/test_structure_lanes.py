@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.effects import BoucWen, LinearDamper, LinearSpring, Maxwell
+from eig3.effects import (
+    BoucWen,
+    FrictionPendulum,
+    LeadRubber,
+    LinearDamper,
+    LinearSpring,
+    Maxwell,
+)
 from eig3.math import cos
-from eig3.structures import base_shear, link_forces, storey_drifts
+from eig3.structures import base_shear, link_ductility, link_forces, storey_drifts
 
 N = 4
 M = np.array([1.0, 2.0, 3.0, 1.5])
@@ -23,6 +30,11 @@ LINKS = [
     (Maxwell(10.0, 2.0), 0, 3),
     (LinearDamper(0.2), 2, None),
 ]
+BEARINGS = [
+    (LeadRubber(20.0, 1.0, 0.05), None, [(0, 1), (3, 2)]),
+    (FrictionPendulum(0.1, 1.0, 9.0, 0.03), (0, 1), (2, None)),
+]
+DEGRADING = [(BoucWen(20.0, 0.05, 0.1, deltaNu=0.3, deltaEta=0.2), 0, [1, 2]), (BoucWen(20.0, 0.05), None, 3)]
 SCALES = np.linspace(0.3, 3, 40)
 MEMBERS = 0, 7, 39
 
@@ -40,6 +52,8 @@ STRUCTURES = {
     "links": ({"ground": GROUND, "links": LINKS, "damping": RAYLEIGH}, "ground_scale"),
     "function": ({"force": push, "params": {"strength": 1.0}, "links": LINKS}, "strength"),
     "work": ({"ground": GROUND, "work": True, "damping": RAYLEIGH, "C": C, "links": LINKS}, "ground_scale"),
+    "degrading": ({"ground": GROUND, "links": DEGRADING, "damping": RAYLEIGH}, "ground_scale"),
+    "bearings": ({"ground": GROUND, "work": True, "links": BEARINGS, "damping": RAYLEIGH}, "ground_scale"),
     "stiffness of links": ({"ground": GROUND, "links": LINKS[:1]}, "link_0_stiffness"),
 }
 
@@ -57,7 +71,7 @@ def test_members_are_single_runs(options, name, h):
     own = np.multiply.outer(SCALES, getattr(problem.params, name))
     outputs = {"drift": storey_drifts(problem, range(N))}
     outputs |= {"shear": base_shear(problem)} if "ground" in options else {}
-    outputs |= {"pulls": link_forces(problem)} if "links" in options else {}
+    outputs |= {"pulls": link_forces(problem), "ductility": link_ductility(problem)} if "links" in options else {}
     members = problem.ensemble(params={name: own}, h=h, outputs=outputs)
     assert not [note for note in members.notes if "one at a time" in note]
     for i in MEMBERS:

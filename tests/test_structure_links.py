@@ -14,14 +14,16 @@ from eig3.effects import (
     ElasticPlastic,
     Gap,
     GiuffreMenegottoPinto,
+    LeadRubber,
     LinearDamper,
     LinearSpring,
     Link,
     MassImpact,
     Maxwell,
+    Multilinear,
 )
 from eig3.scene import Scene
-from eig3.structures import Frame, Section, base_shear, link_forces, storey_drifts
+from eig3.structures import Frame, Section, base_shear, link_ductility, link_forces, link_stretches, storey_drifts
 
 M = np.array([1.0, 2.0, 3.0])
 K = 10 * np.array([[3.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
@@ -190,6 +192,68 @@ def test_the_forces_of_links_and_the_base_shear(links):
         stretch = np.diff(run.u, axis=1)
         elastic = 40 * (stretch - run.z["elastic plastic"])
         np.testing.assert_allclose(pulls[:, 1:3], np.clip(elastic, 2 * stretch - 0.95, 2 * stretch + 0.95), atol=1e-11)
+
+
+def test_ductility_is_the_stretch_over_the_stretch_at_yield():
+    """Of the links that yield only, also behind a gap between them, and with one value for a link across directions."""
+    links = [*LINKS, (LeadRubber(5.0, 1.0, 0.04), (None, 0), (1, 2))]
+    problem = structure(links)
+    outputs = {"ductility": link_ductility(problem), "stretch": link_stretches(problem)}
+    run = problem.integrate(h=5e-3, outputs=outputs)
+    stretch = run.outputs["stretch"]
+    yielding = np.abs(stretch[:, :5]) / [0.05, 0.025, 0.025, 0.5 / 15, 0.5 / 15]
+    both = np.linalg.norm(stretch[:, -2:], axis=1) / 0.04
+    np.testing.assert_allclose(run.outputs["ductility"], np.column_stack([yielding, both]), rtol=1e-12)
+
+
+def test_the_ductility_demand_of_an_impulse():
+    """Elastic up to the yield stretch y, then a parabola: (1 + (v / (omega y))^2) / 2, and what exceeds 1 remains."""
+    k, y, ratios = 40.0, 0.05, np.array([2.0, 3.0, 4.0])
+    links = [(ElasticPlastic(k, k * y), None, 0), (LinearDamper(2.0), None, 1)]
+    problem = eig3.linear([1.0, 1.0], links=links, t_span=(0, 8))
+    outputs = {"ductility": link_ductility(problem), "residual": link_stretches(problem)}
+    v0 = np.column_stack([ratios * np.sqrt(k) * y, np.zeros(3)])
+    members = problem.ensemble(v0=v0, rtol=1e-9, outputs=outputs)
+    demand = (1 + ratios**2) / 2
+    table = members.summary()
+    np.testing.assert_allclose(table["peak of ductility[0]"], demand, rtol=1e-7)
+    middle = members.z["elastic plastic"][:, -1]
+    np.testing.assert_allclose(middle, (demand - 1) * y, rtol=1e-7)
+    np.testing.assert_allclose(table["residual[0]"], table["u0"], rtol=0, atol=0)
+
+
+def test_ductility_needs_a_link_that_yields():
+    with pytest.raises(ValueError, match=re.escape("problem must have links that yield, such as ElasticPlastic.")):
+        link_ductility(structure(LINKS[-2:]))
+
+    @dataclass(frozen=True, eq=False)
+    class Odd(LinearSpring):
+        @staticmethod
+        @eig3.jit
+        def ductility(r, yield_length):
+            return r / yield_length
+
+    with pytest.raises(TypeError, match=re.escape("ductility of Odd must be compiled with @eig3.jit, and read only r")):
+        structure([(Odd(1.0), 0, 1)])
+
+
+def test_backbone_curves_of_each_link():
+    """One law with a curve for each of its links, and a law with more points, beside their elements."""
+    stretches = np.array([[0.05, 0.1, 0.3], [0.1, 0.2, 0.4]])
+    curves = [
+        (Multilinear(stretches, [[2.0, 3.0, 4.0], [1.0, 1.5, 2.0]]), [0, 1], [1, 2]),
+        (Multilinear([0.1, 0.2, 0.3, 0.5], [1.0, 1.5, 1.8, 1.8]), None, 0),
+    ]
+    slopes = {(0, 1): (20.0, 15.0, 5.0), (1, 2): (5.0, 2.5, 2.5), (None, 0): (5.0, 2.0, 3.0, 0.0)}
+    yields = dict(zip(slopes, (*stretches, (0.1, 0.2, 0.3, 0.5)), strict=True))
+    elements = [
+        (ElasticPlastic(k, k * y) if n < len(slopes[ends]) - 1 else LinearSpring(k), *ends)
+        for ends in slopes
+        for n, (k, y) in enumerate(zip(slopes[ends], yields[ends], strict=True))
+    ]
+    runs = [structure(links).integrate(rtol=1e-9, t_eval=[4, 8]) for links in (curves, elements)]
+    assert runs[0].z["multilinear"].shape == (2, 7)
+    np.testing.assert_allclose(runs[0].u, runs[1].u, rtol=0, atol=1e-6)
 
 
 def test_forces_of_links_need_links():

@@ -15,6 +15,7 @@ from .coulomb import Coulomb
 from .coulomb_friction import CoulombFriction
 from .dihedral import Dihedral
 from .elastic_plastic import ElasticPlastic
+from .friction_pendulum import FrictionPendulum
 from .gap import Gap
 from .giuffre_menegotto_pinto import GiuffreMenegottoPinto
 from .gravity import Gravity
@@ -24,6 +25,7 @@ from .harmonic_force import HarmonicForce
 from .hertz_contact import HertzContact
 from .hertz_mindlin import HertzMindlin
 from .hinge_bending import HingeBending
+from .lead_rubber import LeadRubber
 from .lennard_jones import LennardJones
 from .linear_damper import LinearDamper
 from .linear_spring import LinearSpring
@@ -31,6 +33,7 @@ from .mass_impact import MassImpact
 from .maxwell import Maxwell
 from .morse import Morse
 from .motor import Motor
+from .multilinear import Multilinear
 from .neo_hookean import NeoHookean
 from .plane_contact import PlaneContact
 from .prescribed_distance import PrescribedDistance
@@ -64,6 +67,7 @@ __all__ = [
     "CoulombFriction",
     "Dihedral",
     "ElasticPlastic",
+    "FrictionPendulum",
     "FrictionalContact",
     "Gap",
     "GiuffreMenegottoPinto",
@@ -74,6 +78,7 @@ __all__ = [
     "HertzContact",
     "HertzMindlin",
     "HingeBending",
+    "LeadRubber",
     "LennardJones",
     "LinearDamper",
     "LinearSpring",
@@ -83,6 +88,7 @@ __all__ = [
     "Morse",
     "Motion",
     "Motor",
+    "Multilinear",
     "NeoHookean",
     "PlaneContact",
     "PointJoint",

@@ -23,6 +23,24 @@ def rate_of_stretch(rate, state, yield_length, sharpness, pinching):
     return rate * (1 - share * (1 - pinching + (pinching if rate * state > 0 else -pinching)))
 
 
+@element
+def tension_of_degrading(r, state, stiffness, rest_length, hardening):
+    return tension_of_both(r, state[0], stiffness, rest_length, hardening)
+
+
+@element
+def rates_of_degrading(rate, state, stiffness, yield_length, hardening, sharpness, pinching, deltaA, deltaNu, deltaEta):
+    z, energy = state
+    share = exp(sharpness * log(abs(z / yield_length))) * (1 - pinching + (pinching if rate * z > 0 else -pinching))
+    A, nu, eta = 1 - deltaA * energy, 1 + deltaNu * energy, 1 + deltaEta * energy
+    return rate * (A - nu * share) / eta, (1 - hardening) * stiffness * z * rate
+
+
+@element
+def over_yield_length(r, yield_length, rest_length):
+    return abs(r - rest_length) / yield_length
+
+
 @dataclass(frozen=True, eq=False)
 class BoucWen(Link):
     """A link that yields smoothly, by Bouc and Wen: an isolator, a damper of steel, a member with plastic hinges.
@@ -32,6 +50,10 @@ class BoucWen(Link):
 
     z is the hysteretic stretch, m: ``solution.z["bouc wen"]``. It follows r while the link is elastic, and its size
     tends to yield_length.
+
+    If deltaA, deltaNu or deltaEta is not 0, it degrades: z' = r' (A - nu |z / yield_length|^sharpness (...)) / eta with
+    A = 1 - deltaA e, nu = 1 + deltaNu e and eta = 1 + deltaEta e. e is the energy that the hysteretic part
+    absorbs, e' = (1 - hardening) stiffness z r', J, and the state has two numbers, z and e.
 
     Parameters
     ----------
@@ -47,6 +69,8 @@ class BoucWen(Link):
         A coefficient from 0.5, with which unloading is elastic, to 1.
     rest_length : float or array_like
         m.
+    deltaA, deltaNu, deltaEta : float or array_like
+        How fast the tangent stiffness and the strength, the strength alone, and the stiffness alone decay, 1/J.
 
     Raises
     ------
@@ -55,10 +79,10 @@ class BoucWen(Link):
 
     Notes
     -----
-    Other codes: ``uniaxialMaterial BoucWen`` of OpenSees with Ao = 1, without degradation, and with
-    beta = pinching / yield_length^n and gamma = (1 - pinching) / yield_length^n, where n = sharpness.
+    Other codes: ``uniaxialMaterial BoucWen`` of OpenSees with Ao = 1, and with beta = pinching / yield_length^n and
+    gamma = (1 - pinching) / yield_length^n, where n = sharpness.
 
-    Not included: degradation of strength and stiffness. EIG-3, AB2 and RK2 need damping beside this link, because its
+    Not included: slip, as in ``BWBN``. EIG-3, AB2 and RK2 need damping beside this link, because its
     elastic force is a first-order unknown: see `Problem.critical_step`.
     """
 
@@ -68,9 +92,15 @@ class BoucWen(Link):
     sharpness: ArrayLike = 1.0
     pinching: ArrayLike = 0.5
     rest_length: ArrayLike = 0.0
+    deltaA: ArrayLike = 0.0  # noqa: N815 - as in OpenSees
+    deltaNu: ArrayLike = 0.0  # noqa: N815
+    deltaEta: ArrayLike = 0.0  # noqa: N815
 
-    nonnegative = ("stiffness", "rest_length")
-    source = "Wen, Journal of the Engineering Mechanics Division 102 (1976) 249"
+    nonnegative = ("stiffness", "rest_length", "deltaA", "deltaNu", "deltaEta")
+    source = (
+        "Wen, Journal of the Engineering Mechanics Division 102 (1976) 249; Baber and Noori, Journal of Engineering "
+        "Mechanics 111 (1985) 1010"
+    )
     picture = "spring"
 
     def __post_init__(self) -> None:
@@ -80,5 +110,20 @@ class BoucWen(Link):
         self.require(np.asarray(self.sharpness) >= 1, "sharpness must be at least 1")
         self.require((np.asarray(self.pinching) >= 0.5) & (np.asarray(self.pinching) <= 1), "pinching must be 0.5 to 1")
 
-    tension = tension_of_both
-    state_rate = rate_of_stretch
+    @property
+    def degrades(self):
+        return any(np.any(x) for x in (self.deltaA, self.deltaNu, self.deltaEta))
+
+    @property
+    def state_size(self):
+        return 2 if self.degrades else 1
+
+    @property
+    def tension(self):
+        return tension_of_degrading if self.degrades else tension_of_both
+
+    @property
+    def state_rate(self):
+        return rates_of_degrading if self.degrades else rate_of_stretch
+
+    ductility = over_yield_length

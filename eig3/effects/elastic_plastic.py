@@ -39,6 +39,11 @@ def plastic_stretch(r, state, stiffness, yield_force, hardening, rest_length):
     return r - rest_length - tension / stiffness
 
 
+@element
+def over_yield(r, stiffness, yield_force, rest_length):
+    return abs(r - rest_length) * stiffness / yield_force
+
+
 @dataclass(frozen=True, eq=False)
 class ElasticPlastic(Link):
     """A spring that yields at a force, with kinematic hardening: a brace, a damper of steel, friction beside a spring.
@@ -93,3 +98,4 @@ class ElasticPlastic(Link):
     tension = tension_within
     event = yield_or_turn
     state_after = plastic_stretch
+    ductility = over_yield

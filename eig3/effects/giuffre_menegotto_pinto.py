@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ..kernels.compile.jit import element
 from ..kernels.elementary import exp, log
 from ..scene.effect import Link
+from .elastic_plastic import over_yield
 
 
 @element
@@ -115,3 +116,4 @@ class GiuffreMenegottoPinto(Link):
     tension = force_of_branch
     event = turning
     state_after = next_branch
+    ductility = over_yield

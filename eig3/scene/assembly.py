@@ -546,7 +546,7 @@ def _split(group: Group) -> Iterator[Group]:
 
 def _kind(effect: Effect) -> tuple:
     """A key that is equal for effects that can share a loop. An effect with an array shares its loop with none."""
-    return type(effect), *effect.functions().items(), id(effect) if effect.arrays else None
+    return type(effect), effect.state_size, *effect.functions().items(), id(effect) if effect.arrays else None
 
 
 def _joined(groups: list[Group]) -> Group:

@@ -260,6 +260,10 @@ class Description:
         if not isinstance(effect, Effect):
             given = effect.__name__ if isinstance(effect, type) else type(effect).__name__
             raise TypeError(f"effect must be an effect with parameters, such as LinearSpring(10.0), not {given}.")
+        if effect.directions > 1:
+            raise TypeError(
+                f"{effect.title} acts across two directions of a structure: give it to eig3.linear or Frame."
+            )
         effect, points = effect.resolved(points)
         effect.check(self.dimension)
         effect = effect.snapshot()

@@ -95,6 +95,7 @@ class Effect:
     takes: ClassVar[tuple[int, ...]] = ()  # the possible numbers of arguments of points
     cutoff_field: ClassVar[str] = ""  # see `Link`
     state_size: ClassVar[int] = 1
+    directions: ClassVar[int] = 1  # see `Link`
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -286,6 +287,7 @@ class Effect:
         sizes = {field: self.components(field, dimension) for field in self.vectors}
         sizes |= {argument: dimension for argument in ("x", "v") if argument in self.offers[name]}
         sizes |= {"state": self.state_size} if self.state_size > 1 else {}
+        sizes |= dict.fromkeys(("r", "rate"), self.directions) if self.directions > 1 else {}
         given: dict[str, Any] = {x: numba.types.UniTuple(numba.float64, size) for x, size in sizes.items()}
         return given | dict.fromkeys(self.arrays, _ARRAY)
 
@@ -293,7 +295,8 @@ class Effect:
         """Refuse a function that returns a wrong type."""
         vectors = dict.fromkeys(("force", "acceleration", "velocity_after"), dimension)
         of_state = dict.fromkeys(("state_after", RATE), self.state_size) if self.state_size > 1 else {}
-        numbers = {**vectors, **of_state, "motion": 2}.get(name)
+        across = {"tension": self.directions} if self.directions > 1 else {}
+        numbers = {**vectors, **of_state, **across, "motion": 2}.get(name)
         parts = [returned] if numbers is None else list(returned) if isinstance(returned, numba.types.BaseTuple) else []
         if len(parts) != (numbers or 1) or not all(isinstance(unliteral(part), REAL) for part in parts):
             wanted = "a number" if numbers is None else f"a tuple of {numbers} number{'s' * (numbers > 1)}"
@@ -400,12 +403,20 @@ class Link(Effect):
 
     If a link has a field ``rest_length`` that is not 0, its points must not coincide at the start.
 
+    A link with two `directions` acts across two directions of a structure at once, such as an isolator in the plane.
+    Then r, rate and the tension are tuples of two.
+
     Attributes
     ----------
+    directions : int
+        1, or 2 for a link of structures across two directions.
     cutoff_field : str
         The name of the field with the distance beyond which all functions of the link are 0. Pairs beyond it are
         skipped before their distance is computed, which makes contacts between many pairs fast. Empty for links without
         a cutoff.
+    ductility : jitted function, optional
+        The size of the stretch relative to the stretch at yield, from r and fields that other functions read, for
+        `eig3.structures.link_ductility`.
     mixed : tuple of str
         The fields that can have a value for each point of a pair force: see `Scene.add`.
     """
@@ -418,6 +429,7 @@ class Link(Effect):
     takes: ClassVar[tuple[int, ...]] = (2,)
     mixed: ClassVar[tuple[str, ...]] = ()
     picture: ClassVar[str] = "line"
+    ductility: ClassVar[Any] = None
 
     def check_points(
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]

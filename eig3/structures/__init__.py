@@ -11,7 +11,15 @@ from .frame_members import Section
 from .linear import linear
 from .modal import modal_solution
 from .modes import Modes
-from .responses import absolute_motion, base_shear, ground_motion, link_forces, link_stretches, storey_drifts
+from .responses import (
+    absolute_motion,
+    base_shear,
+    ground_motion,
+    link_ductility,
+    link_forces,
+    link_stretches,
+    storey_drifts,
+)
 from .structure import Structure
 
 __all__ = [
@@ -25,6 +33,7 @@ __all__ = [
     "base_shear",
     "ground_motion",
     "linear",
+    "link_ductility",
     "link_forces",
     "link_stretches",
     "modal_solution",

@@ -67,7 +67,8 @@ def linear(
     links : sequence of (Link, first, second)
         Links of `eig3.effects` between two degrees of freedom, such as ``(BoucWen(2e6, 0.01), 0, 1)``. The ends are
         numbers or names, sequences of these, or None for the ground. The stretch r is u of the second end minus u of
-        the first. ``z["bouc wen"]`` has the states of links with memory.
+        the first. The ends of a link across two directions, such as `FrictionPendulum`, are pairs of these.
+        ``z["bouc wen"]`` has the states of links with memory.
     t_span : (float, float)
     u0, v0 : float or array_like, shape (n,)
     lump : {"row", "hrz"}, optional

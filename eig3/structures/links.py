@@ -17,11 +17,12 @@ from ..functions.checks import shown
 from ..functions.events import Event
 from ..functions.families import Family
 from ..functions.layout import Layout, unknown_name
+from ..kernels.compile.numba_internals import Jitted
 from ..kernels.compile.source import Writer, define
 from ..kernels.protocol import index
 from ..scene.effect import RATE, Link, arguments
 from ..scene.names import words
-from .text import Loops
+from .text import Ends, Loops, axes_of, number_of_links
 
 _PULLS = "tension", "force_density"
 
@@ -38,12 +39,18 @@ class Kind(NamedTuple):
         The changes of sign at which their events occur: see `eig3.effects.Link`.
     size : int
         The number of values of a state.
+    directions : int
+        The number of directions across which a link acts.
+    vectors : tuple of (str, int)
+        The parameters that are tuples, and their numbers of values.
     """
 
     title: str
     functions: tuple[tuple[str, Any], ...]
     crossing: int
     size: int
+    directions: int
+    vectors: tuple[tuple[str, int], ...]
 
     @property
     def names(self) -> dict[str, Any]:
@@ -52,6 +59,10 @@ class Kind(NamedTuple):
     @property
     def has_state(self) -> bool:
         return any("state" in arguments(function) for _, function in self.functions)
+
+    @property
+    def axes(self) -> Sequence[str]:
+        return axes_of(self.directions)
 
     def fields(self) -> list[str]:
         """Return the parameters that the functions read."""
@@ -65,7 +76,8 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
     Parameters
     ----------
     links : sequence of (Link, first, second)
-        The ends are numbers or names of degrees of freedom, sequences of these, or None for the ground.
+        The ends are numbers or names of degrees of freedom, sequences of these, or None for the ground. The ends of a
+        link across two directions are pairs of these.
     names : sequence of str
         The names of the degrees of freedom.
     n : int
@@ -81,16 +93,22 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
             raise TypeError(f"{said} must be (link, first, second) with a link of eig3.effects, not {shown(each)}.")
         law: Any = each[0]
         law.check(1)
-        if law.arrays or law.vectors:
-            raise ValueError(f"{said} has a field that is not a number for each link, which a structure does not take.")
-        ends = np.stack(np.broadcast_arrays(*(_end(end, names, n, said) for end in each[1:])))
-        if (ends[0] == ends[1]).any():
+        if law.directions > 1 and "force_density" in law.functions():
+            raise ValueError(f"{said} acts across {law.directions} directions: give it a tension, not a force_density.")
+        if law.arrays:
+            raise ValueError(f"{said} has a field that is an array for all links, which a structure does not take.")
+        ends = np.stack(np.broadcast_arrays(*(_end(end, names, n, said, law.directions) for end in each[1:])))
+        same = (ends[0] == ends[1]).reshape(-1, law.directions)
+        if same.all(axis=1).any() or (same & (ends[0] >= 0).reshape(same.shape)).any():
             raise ValueError(f"{said} must join two different degrees of freedom, or one and None for the ground.")
         acting = {name: f for name, f in law.functions().items() if name in (*_PULLS, RATE, "event", "state_after")}
-        kind = Kind(words(law.title), tuple(acting.items()), law.crossing, law.state_size)
+        if law.ductility:
+            acting["ductility"] = _ductility(law, ends[0].shape[:1])
+        vectors = tuple((name, law.components(name, 1)) for name in law.vectors)
+        kind = Kind(words(law.title), tuple(acting.items()), law.crossing, law.state_size, law.directions, vectors)
         if "rate_after" in law.functions():
             raise ValueError(f"{said} changes velocities at events, which a structure does not take: use a scene.")
-        parts.setdefault(kind, []).append((ends, law.columns(ends[0].shape, 1)))
+        parts.setdefault(kind, []).append((ends, law.columns(ends[0].shape[:1], 1)))
     if not parts:
         return (), {}
     values: dict[str, Any] = {"states": 0}
@@ -113,20 +131,28 @@ def write(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], 
     """
     out.line(*["absorbed = 0.0"] * has_power)
     for k, kind, s, ends in _each(kinds, text, out, names):
-        for end, sign in zip(ends, ("+=", "-="), strict=True):
-            if end:
-                with out.only_if(text.is_free(end)):
-                    out.line(f"{text.force(end)} {sign} pull")
-        out.line(*["absorbed += pull * rate"] * has_power)
+        for axis, end, sign in _signed(kind, ends, "+=", "-="):
+            with out.only_if(text.is_free(end)):
+                out.line(f"{text.force(end)} {sign} pull{axis}")
+        powers = " + ".join(f"pull{axis} * rate{axis}" for axis in kind.axes)
+        out.line(*[f"absorbed += {powers}"] * has_power)
         if kind.has_state:
             zeros = "0.0" if kind.size == 1 else f"({'0.0, ' * kind.size})"
             out.line(f"{_state('a', kind, s)} = {_call(k, kind, RATE, s) if RATE in kind.names else zeros}")
 
 
 def write_output(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], what: str) -> None:
-    """Write a value of each link to `out`."""
-    for _ in _each(kinds, text, out, names):
-        out.line(f"out[at] = {what}", "at += 1")
+    """Write a value of each link in each of its directions to `out`."""
+    for _, kind, _, _ in _each(kinds, text, out, names):
+        for axis in kind.axes:
+            out.line(f"out[at] = {what}{axis}", "at += 1")
+
+
+def write_ductility(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]) -> None:
+    """Write the ductility of each link that yields to `out`."""
+    for k, kind, s, _ in _each(kinds, text, out, names):
+        if "ductility" in kind.names:
+            out.line(f"out[at] = {_call(k, kind, 'ductility', s)}", "at += 1")
 
 
 def write_events(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], k: int) -> None:
@@ -142,27 +168,35 @@ def write_events(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str,
 
 def write_shear(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]) -> None:
     """Add the forces of all links in the direction of the ground motion to `total`."""
-    for _, _, _, ends in _each(kinds, text, out, names):
-        for end, sign in zip(ends, ("-=", "+="), strict=True):
-            if end:
-                with out.only_if(text.is_free(end)):
-                    out.line(f"total {sign} p.influence[{end}] * pull")
+    for _, kind, _, ends in _each(kinds, text, out, names):
+        for axis, end, sign in _signed(kind, ends, "-=", "+="):
+            with out.only_if(text.is_free(end)):
+                out.line(f"total {sign} p.influence[{end}] * pull{axis}")
 
 
 def _each(
     kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]
-) -> Iterator[tuple[int, Kind, str, tuple[str, str]]]:
+) -> Iterator[tuple[int, Kind, str, Ends]]:
     """Write what follows for each link, with its pull, and give its kind, its number and its ends."""
     out.line(*["place = n"] * bool(kinds))
     for k, kind in enumerate(kinds):
-        for s, i, j in text.links(out, k):
-            _write_one(k, kind, text, out, names, s, (i, j))
+        for s, ends in text.links(out, k, kind.directions):
+            _write_one(k, kind, text, out, names, s, ends)
             pulls = [
                 _call(k, kind, name, s) + " * r" * (name == "force_density") for name in _PULLS if name in kind.names
             ]
-            out.line(f"pull = {' + '.join(pulls)}")
-            yield k, kind, s, (i, j)
-        out.line(*[f"place += {kind.size} * p.link_{k}_first.size"] * kind.has_state)
+            out.line(f"{', '.join(f'pull{axis}' for axis in kind.axes)} = {' + '.join(pulls)}")
+            yield k, kind, s, ends
+        out.line(*[f"place += {kind.size} * {number_of_links(k, kind.directions)}"] * kind.has_state)
+
+
+def _ductility(law: Any, shape: tuple[int, ...]) -> Any:
+    """Return the function of the ductility of a link, which must read r and fields that other functions read."""
+    function = getattr(law.ductility, "__func__", law.ductility)  # without staticmethod, it is bound to the link
+    known = ["r", *law.columns(shape, 1)]
+    if not isinstance(function, Jitted) or any(x not in known for x in arguments(function)):
+        raise TypeError(f"ductility of {law.title} must be compiled with @eig3.jit, and read only {', '.join(known)}.")
+    return function
 
 
 def events_of(
@@ -184,7 +218,7 @@ def events_of(
                 name = f"{kind.title} {counts[kind.title] + s}"
                 found[name] = Event(g[s], kind.crossing, apply=apply[s] if changes else None)
             counts[kind.title] += count
-        before += f" + {kind.size} * p.link_{k}_first.size" * kind.has_state
+        before += f" + {kind.size} * {number_of_links(k, kind.directions)}" * kind.has_state
     return found
 
 
@@ -205,24 +239,29 @@ def _of_events(k: int, kind: Kind, before: str) -> list[Any]:
         with out.block(f"def {head}_of(member, t, u, v, p)"):
             out.line("s = index(member)", f"place = p.size{before}")
             if head in kind.names:
-                out.line(f"i, j = p.link_{k}_first[s], p.link_{k}_second[s]")
-                _write_one(k, kind, Loops(1), out, names, "s", ("i", "j"))
+                text = Loops(1)
+                _write_one(k, kind, text, out, names, "s", text.ends(out, k, kind.directions))
                 out.line(result.format(_call(k, kind, head, "s")))
     defined = define(str(out), "links", names)
     return [without_runtime(defined[f"{head}_of"]) for head in ("event", "state_after")]
 
 
-def _write_one(
-    k: int, kind: Kind, text: Any, out: Writer, names: dict[str, Any], s: str, ends: tuple[str, str]
-) -> None:
+def _write_one(k: int, kind: Kind, text: Any, out: Writer, names: dict[str, Any], s: str, ends: Ends) -> None:
     """Write the stretch, the rate and the state of the link s."""
     names |= {f"{name}_{k}": function for name, function in kind.functions}
-    out.line("r, rate = 0.0, 0.0")
-    for end, sign in zip(ends, ("-=", "+="), strict=True):
-        if end:
-            with out.only_if(text.is_free(end)):
-                out.line(f"r {sign} u[{end}]", f"rate {sign} v[{end}]")
+    out.line(*(f"r{axis}, rate{axis} = 0.0, 0.0" for axis in kind.axes))
+    for axis, end, sign in _signed(kind, ends, "-=", "+="):
+        with out.only_if(text.is_free(end)):
+            out.line(f"r{axis} {sign} u[{end}]", f"rate{axis} {sign} v[{end}]")
+    if kind.directions > 1:
+        out.line(*(f"{x} = {', '.join(f'{x}{axis}' for axis in kind.axes)}" for x in ("r", "rate")))
     out.line(*[f"state = {_state('v', kind, s)}"] * kind.has_state)
+
+
+def _signed(kind: Kind, ends: Ends, of_first: str, of_second: str) -> Iterator[tuple[str, str, str]]:
+    """Give the axis, the text and the sign of each end that is not always the ground."""
+    for axis, pair in zip(kind.axes, ends, strict=True):
+        yield from ((axis, end, sign) for end, sign in zip(pair, (of_first, of_second), strict=True) if end)
 
 
 def _state(array: str, kind: Kind, s: str) -> str:
@@ -233,24 +272,41 @@ def _state(array: str, kind: Kind, s: str) -> str:
 
 
 def _call(k: int, kind: Kind, name: str, s: str) -> str:
-    given = (x if x in ("t", "r", "rate", "state") else f"p.link_{k}_{x}[{s}]" for x in arguments(kind.names[name]))
-    return f"{name}_{k}({', '.join(given)})"
+    sizes = dict(kind.vectors)
+
+    def given(x: str) -> str:
+        if x in ("t", "r", "rate", "state"):
+            return x
+        if x in sizes:
+            return f"({', '.join(f'p.link_{k}_{x}[{s}, {i}]' for i in range(sizes[x]))})"
+        return f"p.link_{k}_{x}[{s}]"
+
+    return f"{name}_{k}({', '.join(map(given, arguments(kind.names[name])))})"
 
 
-def _end(end: Any, names: Sequence[str], n: int, said: str) -> np.ndarray:
-    """Return the numbers of degrees of freedom, and -1 for the ground."""
-    if isinstance(end, str) or end is None or np.ndim(end) == 0:
-        end = [end]
-    found = []
-    for each in end:
-        if isinstance(each, str):
-            if each not in names:
-                raise unknown_name(f"{said}: the structure has", each, list(names), ValueError)
-            found.append(list(names).index(each))
-        elif each is None:
-            found.append(-1)
-        elif isinstance(each, int | np.integer) and not isinstance(each, bool) and 0 <= each < n:
-            found.append(int(each))
-        else:
-            raise ValueError(f"{said} must have numbers from 0 to {n - 1}, names or None for its ends, not {each!r}.")
-    return np.array(found, dtype=np.int64)
+def _end(end: Any, names: Sequence[str], n: int, said: str, directions: int) -> np.ndarray:
+    """Return the numbers of degrees of freedom, and -1 for the ground; a row for each link across directions."""
+    one = end is None or isinstance(end, str) or np.ndim(end) == 0
+    if directions == 1:
+        return np.array([_number(x, names, n, said) for x in ([end] if one else end)], dtype=np.int64)
+    is_row = one or all(isinstance(x, str) or x is None or np.ndim(x) == 0 for x in end)
+    rows: list[Any] = [(None,) * directions if row is None else row for row in ([end] if is_row else end)]
+    if any(isinstance(row, str) or np.ndim(row) == 0 or len(row) != directions for row in rows):
+        raise ValueError(
+            f"{said} acts across {directions} directions: give pairs of degrees of freedom for its ends, such as "
+            '("base.ux", "base.uy"), or None for the ground.'
+        )
+    return np.array([[_number(x, names, n, said) for x in row] for row in rows], dtype=np.int64)
+
+
+def _number(end: Any, names: Sequence[str], n: int, said: str) -> int:
+    """Return the number of a degree of freedom, or -1 for the ground."""
+    if isinstance(end, str):
+        if end not in names:
+            raise unknown_name(f"{said}: the structure has", end, list(names), ValueError)
+        return list(names).index(end)
+    if end is None:
+        return -1
+    if isinstance(end, int | np.integer) and not isinstance(end, bool) and 0 <= end < n:
+        return int(end)
+    raise ValueError(f"{said} must have numbers from 0 to {n - 1}, names or None for its ends, not {end!r}.")

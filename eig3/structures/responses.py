@@ -53,7 +53,7 @@ def link_forces(problem: Problem) -> tuple[Any, int]:
     -------
     (jitted function, int)
         The function and its number of values: N, or N m for links of rotations. Links of one effect are together, in
-        the order in which their effects come first in `links`.
+        the order in which their effects come first in `links`. A link across two directions has two values.
 
     Raises
     ------
@@ -66,7 +66,8 @@ def link_forces(problem: Problem) -> tuple[Any, int]:
 def link_stretches(problem: Problem) -> tuple[Any, int]:
     """Return the stretch of each link of a structure, as an output for `Problem.integrate`.
 
-    With `link_forces`, it gives the loops of links that yield; its extremes give their ductility.
+    With `link_forces`, it gives the loops of links that yield. Once the
+    structure is at rest, the last value is the residual stretch.
 
     Parameters
     ----------
@@ -86,9 +87,38 @@ def link_stretches(problem: Problem) -> tuple[Any, int]:
     return _of_links(problem, "r")
 
 
+def link_ductility(problem: Problem) -> tuple[Any, int]:
+    """Return the ductility of each link of a structure that yields, as an output for `Problem.integrate`.
+
+    It is the size of the stretch divided by the stretch at yield. ``solution.extremes["ductility"].peak`` is the
+    ductility demand of a run, and ``members.summary()`` has it as "peak of ductility[0]".
+
+    Parameters
+    ----------
+    problem : Problem
+        A problem of `eig3.linear` with links.
+
+    Returns
+    -------
+    (jitted function, int)
+        The function and its number of values, in the order of `link_forces` without the links that do not yield, such
+        as `Maxwell`. A link across two directions has one value.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the problem has no links that yield.
+    """
+    p, parts = _params(problem, "states"), parts_of(problem)
+    count = sum(len(p[f"link_{k}_first"]) for k, kind in enumerate(parts.links) if "ductility" in kind.names)
+    if not count:
+        raise ValueError("problem must have links that yield, such as ElasticPlastic.")
+    return source.of_links(parts, "ductility"), count
+
+
 def _of_links(problem: Problem, what: str) -> tuple[Any, int]:
     p, parts = _params(problem, "states"), parts_of(problem)
-    return source.of_links(parts, what), sum(len(p[f"link_{k}_first"]) for k in range(len(parts.links)))
+    return source.of_links(parts, what), sum(np.size(p[f"link_{k}_first"]) for k in range(len(parts.links)))
 
 
 def parts_of(problem: Problem) -> source.Parts:
@@ -109,7 +139,8 @@ def storey_drifts(problem: Problem, floors: Sequence[int | str]) -> tuple[Any, i
     Returns
     -------
     (jitted function, int)
-        The function and its number of values, which have the unit of the displacements.
+        The function and its number of values, which have the unit of the displacements. The last values of a run that
+        has come to rest are the residual drifts.
 
     Raises
     ------

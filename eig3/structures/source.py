@@ -178,11 +178,14 @@ def shear(parts: Parts) -> Any:
 
 @functools.lru_cache(_KEPT)
 def of_links(parts: Parts, what: str) -> Any:
-    """Return an output with a value of each link, in the order of the kinds: "pull" or the stretch "r"."""
+    """Return an output with a value of each link, in the order of the kinds: "pull", the stretch "r" or "ductility"."""
     out, names = Writer(), dict[str, Any](__name__=__name__)
     with out.block("def of_links(t, u, v, p, out)"):
         out.line(f"n, at = {parts.text.n}, 0")
-        links.write_output(parts.links, parts.text, out, names, what)
+        if what == "ductility":
+            links.write_ductility(parts.links, parts.text, out, names)
+        else:
+            links.write_output(parts.links, parts.text, out, names, what)
     return marked(without_runtime(define(str(out), "structure", names)["of_links"]), parts, of_links, what)
 
 

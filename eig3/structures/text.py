@@ -6,13 +6,15 @@ loop over members around loops whose bounds it does not know.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..kernels.compile.source import Writer
+
+Ends: TypeAlias = list[tuple[str, str]]  # the two ends of a link in each of its directions
 
 
 class Pattern(NamedTuple):
@@ -25,7 +27,7 @@ class Pattern(NamedTuple):
     columns : tuple of (str, tuple)
         For each matrix its name, and the columns of the entries of each row; entries are blocks.
     ends : tuple of tuple
-        For each kind of links the two ends of each link.
+        For each kind of links, each link and each of its directions, the two ends.
     samples : tuple of (str, int)
         The names and the lengths of the times of records.
     degrees : tuple of int
@@ -36,24 +38,35 @@ class Pattern(NamedTuple):
 
     n: int
     columns: tuple[tuple[str, tuple[tuple[int, ...], ...]], ...]
-    ends: tuple[tuple[tuple[int, int], ...], ...]
+    ends: tuple[tuple[tuple[tuple[int, int], ...], ...], ...]
     samples: tuple[tuple[str, int], ...]
     degrees: tuple[int, ...]
     modes: int
 
 
+def axes_of(directions: int) -> Sequence[str]:
+    """Return the ends of the names of what a link has in each of its directions."""
+    return ("",) if directions == 1 else [f"_{k}" for k in range(directions)]
+
+
+def number_of_links(k: int, directions: int) -> str:
+    """Return the text of the number of links of a kind."""
+    return f"p.link_{k}_first.size" if directions == 1 else f"p.link_{k}_first.shape[0]"
+
+
 def pattern_of(has: dict[str, Any]) -> Pattern:
     """Return the pattern of a structure with these parameters."""
     columns: list[tuple[str, tuple[tuple[int, ...], ...]]] = []
-    ends: list[tuple[tuple[int, int], ...]] = []
+    ends: list[tuple[tuple[tuple[int, int], ...], ...]] = []
     for name in "KC":
         if name in has:
             A = has[name]
             rows = np.split(np.asarray(A.indices), A.indptr[1:-1])
             columns.append((name, tuple(tuple(row.tolist()) for row in rows)))
     while f"link_{len(ends)}_first" in has:
-        pair = (has[f"link_{len(ends)}_{end}"].tolist() for end in ("first", "second"))
-        ends.append(tuple(zip(*pair, strict=True)))
+        first, second = (np.asarray(has[f"link_{len(ends)}_{end}"]) for end in ("first", "second"))
+        pairs = np.stack([first, second], axis=-1).reshape(len(first), -1, 2).tolist()
+        ends.append(tuple(tuple((i, j) for i, j in link) for link in pairs))
     samples = ((name, len(value)) for name, value in has.items() if name in ("ground_times", "force_times"))
     modes, degrees = len(has.get("modes", ())), np.asarray(has.get("degrees", ())).tolist()
     return Pattern(has["size"], tuple(columns), tuple(ends), tuple(samples), tuple(degrees), modes)
@@ -98,11 +111,18 @@ class Loops:
         out.line(f"{name}_{x} = {function}({name}_data, {name}_indices, {name}_indptr, {row}, {x}{further})")
         return [f"{name}_{x}[{k}]" for k in range(self.edge)]
 
-    def links(self, out: Writer, k: int) -> Iterator[tuple[str, str, str]]:
-        """Write what follows for each link of a kind, and give the texts of its number and of its ends."""
-        with out.block(f"for s in range(p.link_{k}_first.size)"):
-            out.line(f"i, j = p.link_{k}_first[s], p.link_{k}_second[s]")
-            yield "s", "i", "j"
+    def links(self, out: Writer, k: int, directions: int) -> Iterator[tuple[str, Ends]]:
+        """Write what follows for each link of a kind, and give the texts of its number and its ends."""
+        with out.block(f"for s in range({number_of_links(k, directions)})"):
+            yield "s", self.ends(out, k, directions)
+
+    def ends(self, out: Writer, k: int, directions: int) -> Ends:
+        """Write the ends of the link s, and return their texts for each direction."""
+        axes = axes_of(directions)
+        for number, axis in enumerate(axes):
+            at = f"s, {number}" if axis else "s"
+            out.line(f"i{axis}, j{axis} = p.link_{k}_first[{at}], p.link_{k}_second[{at}]")
+        return [(f"i{axis}", f"j{axis}") for axis in axes]
 
     def is_free(self, end: str) -> str:
         """Return the text of the condition that the end of a link is not the ground."""
@@ -163,9 +183,9 @@ class Lines:
             sums.append(f"({' + '.join(terms) or '0.0'})")
         return sums
 
-    def links(self, out: Writer, k: int) -> Iterator[tuple[str, str, str]]:
-        for s, (i, j) in enumerate(self.pattern.ends[k]):
-            yield str(s), str(i) if i >= 0 else "", str(j) if j >= 0 else ""
+    def links(self, out: Writer, k: int, directions: int) -> Iterator[tuple[str, Ends]]:
+        for s, link in enumerate(self.pattern.ends[k]):
+            yield str(s), [(str(i) if i >= 0 else "", str(j) if j >= 0 else "") for i, j in link]
 
     def is_free(self, end: str) -> str:
         return ""
