@@ -29,6 +29,7 @@ from .functions.quantities import EnergyLessWork
 from .kernels.protocol import SCALAR, VECTOR
 from .keywords import with_suggestions
 from .methods import Method
+from .notebook import brief, facts
 from .result import storage
 from .result.labels import Labels
 from .result.solution import Solution
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 #: A function that draws the response on a matplotlib figure.
 Draw = Callable[[Any, Solution], None]
 
+_SHOWN = ("rhs", "u0", "v0", "z0", "params", "t_span", "energy", "exact", "events", "outputs", "h", "source", "note")
 _START = ("u0", "v0", "z0", "params")
 _OF_AN_ACCURACY = ("accuracy", "scale", "max_seconds")
 _OF_A_CALL = ("check", "progress", "raise_on_failure", "cancel", "save_to")  # the options of a single run
@@ -528,6 +530,13 @@ class Problem:
     def labels(self) -> Labels:
         """The names and units of the degrees of freedom, and the names of the parameters."""
         return Labels(self.names, self.units, self._layout.text if self._layout else "")
+
+    def _repr_html_(self) -> str:
+        unit, second = self.labels.unit, "" if self.energy_unit == "-" else "s"
+        units = {letter: brief([*dict.fromkeys(unit(letter, i) for i in range(np.size(self.u0)))]) for letter in "uv"}
+        units = {"u0": units["u"], "v0": units["v"], "t_span": second, "h": second, "energy": self.energy_unit}
+        rows = [(name, brief(getattr(self, name)), units.get(name, "")) for name in _SHOWN]
+        return facts(f"{type(self).__name__}: {self.name}", [row for row in rows if row[1]])
 
     @property
     def uses_velocity(self) -> bool:

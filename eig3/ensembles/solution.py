@@ -23,6 +23,7 @@ from ..functions.guard import guarded
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR
 from ..methods import Method
+from ..notebook import of_repr
 from ..result import frames
 from ..result.columns import OF_RUNS, OF_STATES, each
 from ..result.labels import Labels
@@ -396,6 +397,8 @@ class EnsembleSolution:
         lines += [f"  {self.error!r}"] * (self.error is not None)
         lines += [f"  Note: {note}" for note in self.notes]
         return "\n".join(lines)
+
+    _repr_html_ = of_repr
 
     def _counts(self) -> str:
         counts = collections.Counter(self.status.tolist())
