@@ -342,7 +342,8 @@ class Problem:
             As for `eig3.ensemble`.
         u0, v0, z0, params : array_like, optional
             Values for each member, along a first axis. The defaults come from the problem, for all members. With named
-            parameters, params is a dictionary of the parameters that change, or a list of `eig3.Parameters`. z0 is a
+            parameters, params is a dictionary of the parameters that change, a DataFrame of these with a row for each
+            member, or a list of dictionaries, NamedTuples or `eig3.Parameters`. z0 is a
             dictionary of the first-order unknowns that change, if these have names.
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
