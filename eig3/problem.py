@@ -27,7 +27,7 @@ from .functions.layout import Layout
 from .functions.named import Parameters, in_layout, named
 from .functions.quantities import EnergyLessWork
 from .kernels.protocol import SCALAR, VECTOR
-from .keywords import with_suggestions
+from .keywords import suggestion, with_suggestions
 from .methods import Method
 from .notebook import brief, facts
 from .result import storage
@@ -47,6 +47,7 @@ Draw = Callable[[Any, Solution], None]
 
 _SHOWN = ("rhs", "u0", "v0", "z0", "params", "t_span", "energy", "exact", "events", "outputs", "h", "source", "note")
 _START = ("u0", "v0", "z0", "params")
+_FIELDS = (*_START, "t_span")  # which the methods take from the problem
 _OF_AN_ACCURACY = ("accuracy", "scale", "max_seconds")
 _OF_A_CALL = ("check", "progress", "raise_on_failure", "cancel", "save_to")  # the options of a single run
 _ENERGY_EVERY = 100  # steps: the energy then usually costs less than 5 % of a run
@@ -203,7 +204,7 @@ class Problem:
         names = [each.name for each in fields(self) if each.init and each.name != "rhs"]
         for name in changes:
             if name not in names:
-                raise TypeError(f"with_ can change {', '.join(names)}, but not {name}.")
+                raise TypeError(f"with_ can change {', '.join(names)}, but not {name}{suggestion(name, names)}")
         new = {name: self._checked(name, value) for name, value in changes.items()}
         changed = {name for name in _START if name in new and not np.array_equal(new[name], getattr(self, name))}
         if "t_span" in new and new["t_span"][0] != self.t_span[0]:
@@ -225,7 +226,7 @@ class Problem:
         params, u0, v0, t_span = (new.get(name, getattr(self, name)) for name in ("params", "u0", "v0", "t_span"))
         return again(params, u0, v0, t_span[0])
 
-    @with_suggestions(run_options)
+    @with_suggestions(run_options, fields=_FIELDS)
     def integrate(
         self, *, h: float | None = None, method: str | Method | None = None, t_end: float | None = None, **options: Any
     ) -> Solution:
@@ -258,7 +259,7 @@ class Problem:
         refuse_without_accuracy(**dict(zip(_OF_AN_ACCURACY[1:], further, strict=True)))
         return self.prepare(**options)(span, **of_call)
 
-    @with_suggestions(run_options)
+    @with_suggestions(run_options, fields=_FIELDS)
     def prepare(self, **options: Any) -> Prepared:
         """Prepare runs of the problem, as `eig3.prepare` does.
 
@@ -322,7 +323,7 @@ class Problem:
         solution.labels = self.labels
         return solution
 
-    @with_suggestions(ensemble)
+    @with_suggestions(ensemble, fields=_FIELDS)
     def ensemble(
         self,
         *,
@@ -382,7 +383,7 @@ class Problem:
             start = [*self.unknowns.start(start[0], start[1], self.unknowns.again(first))]
         return ensemble(self.rhs, span, *start, h=h, params=params, **options)
 
-    @with_suggestions(Stepper.__init__)
+    @with_suggestions(Stepper.__init__, fields=_FIELDS)
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
         """Return a `Stepper` at the start of the problem, without integrals over time.
 
@@ -588,6 +589,8 @@ class Problem:
 
 def _refuse_fields(options: dict[str, Any], call: str) -> None:
     """Refuse options that would replace a field of the problem."""
-    for name in (*_START, "t_span"):
+    for name in _FIELDS:
         if name in options:
             raise TypeError(f"{name} is a field of the problem: call problem.with_({name}=...).{call}(...).")
+    if "t0" in options:
+        raise TypeError(f"t0 is the start of the field t_span: call problem.with_(t_span=...).{call}(...).")
