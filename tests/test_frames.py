@@ -197,6 +197,19 @@ def test_a_dataset_of_members_has_their_parameters_and_events():
     np.testing.assert_array_equal(runs.summary()["h"], runs.h)
 
 
+def test_a_member_without_states_has_no_last_state_in_a_summary():
+    """With omega = 1e4 rad/s, h is far beyond 2 / omega, so the members end before the only saved time."""
+    params = [[-1e4, 0.0], [1.0, 0.0], [-1e4, 0.0]]
+    runs = eig3.ensemble(oscillator, (0, 10), 1.0, 0.0, h=1e-2, params=params, t_eval=[9.0])
+    table = runs.summary()
+    assert table["status"].tolist() == ["diverged", "completed", "diverged"]
+    for name, values in (("t", [np.nan, 9.0, np.nan]), ("u0", [np.nan, runs.u[1, 0], np.nan])):
+        np.testing.assert_array_equal(table[name], values)
+    assert (
+        eig3.ensemble(oscillator, (0, 10), 1.0, 0.0, h=1e-2, params=params[:1], t_eval=[9.0]).summary().t.isna().all()
+    )
+
+
 def test_a_summary_without_names_numbers_the_parameters():
     params = [[1.0, 0.1, 0.0, 0.0], [1.0, 0.2, 0.0, 0.0]]
     table = eig3.ensemble(oscillator, (0, 1), 1.0, 0.0, params=params, h=0.1).summary()

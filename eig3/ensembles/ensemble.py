@@ -97,9 +97,8 @@ def ensemble(
     h : float or array_like, shape (m,)
         The fixed step. If it does not divide the span, the run takes the next shorter step that does. Or take rtol.
     params : array_like, shape (k,) or (m, k); or NamedTuple or dict; or DataFrame; or list of dict or NamedTuple
-        The parameters. rhs gets the parameters of a member as p, of shape (k,). A named array whose first axis has the
-        length m has a value for each member; it is refused if rhs could take it as a whole. In a DataFrame, the columns
-        are the names that rhs reads, and each row is a member; in a list, each entry is.
+        rhs gets the parameters of a member as p, of shape (k,). A named array whose first axis has the length m has a
+        value for each member; it is refused if rhs could take it as a whole. A DataFrame has a row for each member.
     rtol, atol, method, save_every, t_eval, events, invariants, outputs, invariants_every : optional
     h_max, first_step, max_steps, check, accuracy, scale, max_seconds, progress, cancel : optional
         As for `eig3.integrate`. By default only the first and the last state are saved.

@@ -60,9 +60,11 @@ def _of_members(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
         for what, column in zip(_OF_EXTREMES, values, strict=True):
             yield from _named(f"{what} of {name}", column)
     table = solution._table()
-    last = np.searchsorted(table.member, solution.first + np.arange(len(solution)), side="right") - 1
-    yield "t", table.t[last]
-    yield from ((name, column[last]) for name, column in _columns(table))
+    members = solution.first + np.arange(len(solution))
+    last = np.searchsorted(table.member, members, side="right")
+    has_states = np.isin(members, table.member)  # t_eval may begin after the end of a member
+    for name, column in (("t", table.t), *_columns(table)):
+        yield name, np.where(has_states, np.append(np.nan, column)[last], np.nan)
 
 
 def _events(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
