@@ -61,10 +61,12 @@ def _of_members(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
             yield from _named(f"{what} of {name}", column)
     table = solution._table()
     members = solution.first + np.arange(len(solution))
-    last = np.searchsorted(table.member, members, side="right")
-    has_states = np.isin(members, table.member)  # t_eval may begin after the end of a member
+    first, end = (np.searchsorted(table.member, members, side=side) for side in ("left", "right"))
+    has_states = first < end  # t_eval may begin after the end of a member
     for name, column in (("t", table.t), *_columns(table)):
-        yield name, np.where(has_states, np.append(np.nan, column)[last], np.nan)
+        last = np.full(len(members), np.nan)
+        last[has_states] = column[end[has_states] - 1]
+        yield name, last
 
 
 def _events(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
