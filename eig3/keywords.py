@@ -20,6 +20,7 @@ _ELSEWHERE = {
     "E": "young youngs_modulus young_modulus modulus",
     "D": "D0 De depth epsilon eps",
     "a": "alpha width",
+    "accuracy": "tol tolerance rtol",
     "alpha": "damping kappa dsf",
     "angle": "theta0 rest_angle",
     "angular_velocity": "spin omega angvel ang_vel angmom",
@@ -31,10 +32,10 @@ _ELSEWHERE = {
     "epsilon": "eps depth D0 well_depth",
     "exclude_bonded": "leaves_joined exclusions exclude special_bonds",
     "field": "g gravity",
-    "first_step": "h0",
+    "first_step": "h0 dt0 initial_step InitialStep",
     "friction": "mu xmu coeff_friction coefficient",
-    "h": "dt timestep time_step delta_t step step_size dt_max",
-    "h_max": "max_step dt_max",
+    "h": "dt timestep time_step delta_t step step_size stepsize dt0 dt_max",
+    "h_max": "max_step dt_max dtmax hmax MaxStep",
     "gamma": "friction damp",
     "inertia": "moment moment_of_inertia J diaginertia",
     "limit": "frictionloss",
@@ -42,6 +43,7 @@ _ELSEWHERE = {
     "mass": "m",
     "max_steps": "mxstep max_num_steps maxsteps",
     "method": "solver integrator",
+    "methods": "method solver integrator",
     "mu": "friction coefficient xmu dynamicFriction",
     "neighbor_capacity": "room capacity max_neighbors one",
     "normal_force": "load fn",
@@ -49,8 +51,10 @@ _ELSEWHERE = {
     "offset": "height",
     "others": "near other group2 walls",
     "params": "args p parameters",
+    "parameters": "p0 x0 guess",
     "position": "pos x0",
     "prefactor": "strength charge q1q2 k_e",
+    "progress": "verbose",
     "r0": "length rest_length equilibrium_distance",
     "radii": "radius",
     "regularization_speed": "slip v0 vd v_d frictionProportionalZone",
@@ -59,15 +63,17 @@ _ELSEWHERE = {
     "restitution": "e cor coeff_restitution coefficient_of_restitution",
     "rhs": "f fun func",
     "rotation": "quat orientation",
-    "rtol": "tol reltol tolerance",
-    "atol": "abstol",
+    "rtol": "tol reltol tolerance RelTol",
+    "atol": "abstol AbsTol",
     "saturation": "width",
     "save_every": "thermo dump save_interval",
     "sigma": "sig size diameter",
     "stiffness": "k S S1 K kn k_n spring_constant contactStiffness",
-    "t_eval": "tsave saveat t_save",
-    "t_span": "t tspan span",
+    "t_eval": "tsave saveat t_save ts",
+    "t_end": "t1 tf tend t_final t_stop tmax",
+    "t_span": "t tspan span t0 t1 tf tend t_end t_final t_stop tmax",
     "temperature": "kT T temp",
+    "threads": "workers n_jobs num_workers num_threads",
     "torque": "moment gear",
     "u0": "y0 x0 q0 d0",
     "v0": "v qdot0 xdot0",
@@ -75,12 +81,35 @@ _ELSEWHERE = {
 }
 
 
-def refusal(owner: str, keyword: str, known: Collection[str]) -> TypeError:
-    """Return the error for an unknown keyword of `owner`, which suggests similar arguments, or names all arguments."""
-    meant = [name for name in known if keyword in _ELSEWHERE.get(name, "").split()]
-    meant = meant or difflib.get_close_matches(keyword, known, n=1)
-    remedy = f"did you mean {' or '.join(meant)}?" if meant else f"its arguments are {', '.join(known)}."
-    return TypeError(f"{owner}() has no argument {keyword!r}; {remedy if known else 'it takes none.'}")
+def refusal(owner: str, keyword: str, known: Collection[str], fields: Collection[str] = ()) -> TypeError:
+    """Return the error for an unknown keyword of `owner`, which suggests similar arguments, or names all arguments.
+
+    `fields` are the fields of a problem that a copy may change, for a method of a problem.
+    """
+    meant, of_problem = _meant(keyword, known), _meant(keyword, fields)
+    meant = meant or ([] if of_problem else _near(keyword, known))
+    remedy = f"its arguments are {', '.join(known)}." if known else "it takes none."
+    if meant:
+        remedy = f"did you mean {' or '.join(meant)}?"
+    elif of_problem:
+        call = owner.rpartition(".")[2]
+        remedy = f"did you mean the field {of_problem[0]}, as in problem.with_({of_problem[0]}=...).{call}(...)?"
+    return TypeError(f"{owner}() has no argument {keyword!r}; {remedy}")
+
+
+def suggestion(keyword: str, known: Collection[str]) -> str:
+    """Return the end of an error about an unknown keyword: a question with the names that are meant, or a full stop."""
+    meant = _meant(keyword, known) or _near(keyword, known)
+    return f": did you mean {' or '.join(meant)}?" if meant else "."
+
+
+def _meant(keyword: str, known: Collection[str]) -> list[str]:
+    return [name for name in known if keyword in _ELSEWHERE.get(name, "").split()]
+
+
+def _near(keyword: str, known: Collection[str]) -> list[str]:
+    """Return a similar name; dt is not similar to t, but tt is."""
+    return difflib.get_close_matches(keyword, [x for x in known if len(x) > 1 or keyword.startswith(x)], n=1)
 
 
 def refuse_unknown(record: type, given: Collection[str]) -> None:
@@ -91,13 +120,15 @@ def refuse_unknown(record: type, given: Collection[str]) -> None:
             raise refusal(record.__name__, keyword, known)
 
 
-def with_suggestions(*further: Callable) -> Callable[[F], F]:
+def with_suggestions(*further: Callable, fields: Collection[str] = ()) -> Callable[[F], F]:
     """Return a decorator for functions, or for classes and their public methods, that suggests the right keyword.
 
     Parameters
     ----------
     *further : function
         The functions to which the `**options` are passed.
+    fields : sequence of str
+        The fields of a problem, for its methods: they are suggested for names that no argument has.
     """
 
     def decorated(public: Any) -> Any:
@@ -113,7 +144,7 @@ def with_suggestions(*further: Callable) -> Callable[[F], F]:
             try:
                 return public(*args, **keywords)
             except TypeError as error:
-                known, found = _names(public, *further), _UNKNOWN.search(str(error))
+                known, found = _names(public, *further, without=fields), _UNKNOWN.search(str(error))
                 refused = [found[1]] if found else keywords.keys() - known if _MISSING.search(str(error)) else []
                 unknown = [name for name in keywords if name in refused]
                 if not unknown:
@@ -121,15 +152,16 @@ def with_suggestions(*further: Callable) -> Callable[[F], F]:
             *kind, name = public.__qualname__.split(".")
             owner = [type(args[0]).__name__] if kind else []
             name = re.sub(r"\.__(init|call)__$", "", ".".join([*owner, name]))
-            raise refusal(name, unknown[0], known)
+            raise refusal(name, unknown[0], known, fields)
 
         return call
 
     return decorated
 
 
-def _names(*functions: Callable) -> list[str]:
-    """Return the names of the keyword arguments of functions."""
-    parameters = [x for f in functions for x in inspect.signature(f).parameters.values()]
-    named = (x.name for x in parameters if x.kind in (x.POSITIONAL_OR_KEYWORD, x.KEYWORD_ONLY))
+def _names(function: Callable, *further: Callable, without: Collection[str] = ()) -> list[str]:
+    """Return the names of the arguments of a function, and of keywords that it passes on, without some names."""
+    own, *others = (inspect.signature(f).parameters.values() for f in (function, *further))
+    named = [x.name for x in own if x.kind in (x.POSITIONAL_OR_KEYWORD, x.KEYWORD_ONLY)]
+    named += [x.name for other in others for x in other if x.kind is x.KEYWORD_ONLY and x.name not in without]
     return [name for name in dict.fromkeys(named) if name not in _INTERNAL]

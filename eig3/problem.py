@@ -27,8 +27,9 @@ from .functions.layout import Layout
 from .functions.named import Parameters, in_layout, named
 from .functions.quantities import EnergyLessWork
 from .kernels.protocol import SCALAR, VECTOR
-from .keywords import with_suggestions
+from .keywords import suggestion, with_suggestions
 from .methods import Method
+from .notebook import brief, facts
 from .result import storage
 from .result.labels import Labels
 from .result.solution import Solution
@@ -44,7 +45,9 @@ if TYPE_CHECKING:
 #: A function that draws the response on a matplotlib figure.
 Draw = Callable[[Any, Solution], None]
 
+_SHOWN = ("rhs", "u0", "v0", "z0", "params", "t_span", "energy", "exact", "events", "outputs", "h", "source", "note")
 _START = ("u0", "v0", "z0", "params")
+_FIELDS = (*_START, "t_span")  # which the methods take from the problem
 _OF_AN_ACCURACY = ("accuracy", "scale", "max_seconds")
 _OF_A_CALL = ("check", "progress", "raise_on_failure", "cancel", "save_to")  # the options of a single run
 _ENERGY_EVERY = 100  # steps: the energy then usually costs less than 5 % of a run
@@ -201,7 +204,7 @@ class Problem:
         names = [each.name for each in fields(self) if each.init and each.name != "rhs"]
         for name in changes:
             if name not in names:
-                raise TypeError(f"with_ can change {', '.join(names)}, but not {name}.")
+                raise TypeError(f"with_ can change {', '.join(names)}, but not {name}{suggestion(name, names)}")
         new = {name: self._checked(name, value) for name, value in changes.items()}
         changed = {name for name in _START if name in new and not np.array_equal(new[name], getattr(self, name))}
         if "t_span" in new and new["t_span"][0] != self.t_span[0]:
@@ -223,7 +226,7 @@ class Problem:
         params, u0, v0, t_span = (new.get(name, getattr(self, name)) for name in ("params", "u0", "v0", "t_span"))
         return again(params, u0, v0, t_span[0])
 
-    @with_suggestions(run_options)
+    @with_suggestions(run_options, fields=_FIELDS)
     def integrate(
         self, *, h: float | None = None, method: str | Method | None = None, t_end: float | None = None, **options: Any
     ) -> Solution:
@@ -256,7 +259,7 @@ class Problem:
         refuse_without_accuracy(**dict(zip(_OF_AN_ACCURACY[1:], further, strict=True)))
         return self.prepare(**options)(span, **of_call)
 
-    @with_suggestions(run_options)
+    @with_suggestions(run_options, fields=_FIELDS)
     def prepare(self, **options: Any) -> Prepared:
         """Prepare runs of the problem, as `eig3.prepare` does.
 
@@ -320,7 +323,7 @@ class Problem:
         solution.labels = self.labels
         return solution
 
-    @with_suggestions(ensemble)
+    @with_suggestions(ensemble, fields=_FIELDS)
     def ensemble(
         self,
         *,
@@ -340,7 +343,8 @@ class Problem:
             As for `eig3.ensemble`.
         u0, v0, z0, params : array_like, optional
             Values for each member, along a first axis. The defaults come from the problem, for all members. With named
-            parameters, params is a dictionary of the parameters that change, or a list of `eig3.Parameters`. z0 is a
+            parameters, params is a dictionary of the parameters that change, a DataFrame of these with a row for each
+            member, or a list of dictionaries, NamedTuples or `eig3.Parameters`. z0 is a
             dictionary of the first-order unknowns that change, if these have names.
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
@@ -379,7 +383,7 @@ class Problem:
             start = [*self.unknowns.start(start[0], start[1], self.unknowns.again(first))]
         return ensemble(self.rhs, span, *start, h=h, params=params, **options)
 
-    @with_suggestions(Stepper.__init__)
+    @with_suggestions(Stepper.__init__, fields=_FIELDS)
     def stepper(self, *, h: float, method: str | Method = "eig3", inline: bool = False, **options: Any) -> Stepper:
         """Return a `Stepper` at the start of the problem, without integrals over time.
 
@@ -529,6 +533,13 @@ class Problem:
         """The names and units of the degrees of freedom, and the names of the parameters."""
         return Labels(self.names, self.units, self._layout.text if self._layout else "")
 
+    def _repr_html_(self) -> str:
+        unit, second = self.labels.unit, "" if self.energy_unit == "-" else "s"
+        units = {letter: brief([*dict.fromkeys(unit(letter, i) for i in range(np.size(self.u0)))]) for letter in "uv"}
+        units = {"u0": units["u"], "v0": units["v"], "t_span": second, "h": second, "energy": self.energy_unit}
+        rows = [(name, brief(getattr(self, name)), units.get(name, "")) for name in _SHOWN]
+        return facts(f"{type(self).__name__}: {self.name}", [row for row in rows if row[1]])
+
     @property
     def uses_velocity(self) -> bool:
         """Whether rhs may read v. If not, "cd" takes one evaluation per step, and "eig3" uses fewer arrays."""
@@ -578,6 +589,8 @@ class Problem:
 
 def _refuse_fields(options: dict[str, Any], call: str) -> None:
     """Refuse options that would replace a field of the problem."""
-    for name in (*_START, "t_span"):
+    for name in _FIELDS:
         if name in options:
             raise TypeError(f"{name} is a field of the problem: call problem.with_({name}=...).{call}(...).")
+    if "t0" in options:
+        raise TypeError(f"t0 is the start of the field t_span: call problem.with_(t_span=...).{call}(...).")

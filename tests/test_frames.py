@@ -156,6 +156,11 @@ def spring_with_names(t, u, v, p):
     return -p.k * u - p.c[1] * v
 
 
+@eig3.jit
+def spring_with_a_height(t, u, v, p):
+    return -p.h * u - p.c[1] * v
+
+
 def test_a_summary_has_a_row_for_each_member():
     problem = eig3.Problem("named", spring_with_names, 1.0, 0.0, {"k": 1.0, "c": [9.0, 0.0]}, (0.0, 10.0))
     crossing = eig3.Event(position, direction=-1)
@@ -175,6 +180,34 @@ def test_a_summary_has_a_row_for_each_member():
         assert row["time of maximum of height"] == run.extremes["height"].t_high
     np.testing.assert_array_equal(table["first down"], runs.events["down"].first)
     assert np.isnan(table["first down"][2])
+
+
+def test_a_dataset_of_members_has_their_parameters_and_events():
+    """A parameter has a prefix if its name is that of a variable, such as the step h."""
+    start = {"h": 1.0, "c": [9.0, 0.0]}
+    problem = eig3.Problem("named", spring_with_a_height, 1.0, 0.0, start, (0.0, 10.0))
+    options = {"h": 0.01, "save_every": 100, "events": {"down": eig3.Event(position, direction=-1)}}
+    runs = problem.ensemble(params={"h": [1.0, 4.0, 0.01], "c": [[9.0, 0.0], [9.0, 0.1], [9.0, 0.2]]}, **options)
+    data = runs.to_xarray()
+    assert data.coords.keys() == {"member", "t", "p.h", "c[1]"}
+    np.testing.assert_array_equal(data.u.where(data["p.h"] > 3, drop=True)[0], runs.u[1])
+    assert data["count of down"].values.tolist() == [2, 3, 0]
+    np.testing.assert_array_equal(data["first down"], runs.events["down"].first)
+    np.testing.assert_array_equal(runs.summary()["p.h"], [1.0, 4.0, 0.01])
+    np.testing.assert_array_equal(runs.summary()["h"], runs.h)
+
+
+def test_a_member_without_states_has_no_last_state_in_a_summary():
+    """With omega = 1e4 rad/s, h is far beyond 2 / omega, so the members end before the only saved time."""
+    params = [[-1e4, 0.0], [1.0, 0.0], [-1e4, 0.0]]
+    runs = eig3.ensemble(oscillator, (0, 10), 1.0, 0.0, h=1e-2, params=params, t_eval=[9.0])
+    table = runs.summary()
+    assert table["status"].tolist() == ["diverged", "completed", "diverged"]
+    for name, values in (("t", [np.nan, 9.0, np.nan]), ("u0", [np.nan, runs.u[1, 0], np.nan])):
+        np.testing.assert_array_equal(table[name], values)
+    assert (
+        eig3.ensemble(oscillator, (0, 10), 1.0, 0.0, h=1e-2, params=params[:1], t_eval=[9.0]).summary().t.isna().all()
+    )
 
 
 def test_a_summary_without_names_numbers_the_parameters():

@@ -45,6 +45,13 @@ ELSEWHERE = {
     "a stepper": (eig3.Stepper, "dt", "h"),
     "steps": (problems.kepler().stepper(h=0.1).advance, "counts", "count"),
     "displacements": (Scene(2).mass(1.0, (0.0, 0.0)).positions, "uu", "u"),
+    "MATLAB's tolerance": (problems.kepler().integrate, "RelTol", "rtol"),
+    "MATLAB's longest step": (problems.kepler().ensemble, "MaxStep", "h_max"),
+    "diffrax's times": (problems.kepler().prepare, "ts", "t_eval"),
+    "diffrax's first step": (problems.kepler().integrate, "dt0", "h or first_step"),
+    "an end": (problems.kepler().ensemble, "t1", "t_end"),
+    "members": (problems.kepler().ensemble, "x0", "u0"),
+    "workers": (problems.kepler().ensemble, "n_jobs", "threads"),
     "a joint": (Scene(2).body(1.0, 1.0, (0.0, 0.0)).revolute, "pos", "position"),
 }
 
@@ -64,6 +71,56 @@ def test_without_a_near_one_all_arguments_are_named():
     assert str(caught.value) == "LinearSpring() has no argument 'colour'; its arguments are stiffness, rest_length."
     with pytest.raises(TypeError, match=r"integrate\(\) has no argument 'dt'; did you mean h\?"):
         eig3.integrate(None, (0.0, 1.0), 1.0, 0.0, dt=0.1)
+
+
+RUN = (None, (0.0, 1.0), 1.0, 0.0)
+CLASSICAL = {
+    "integrate": (
+        lambda **given: eig3.integrate(*RUN, **given),
+        {"dt": "h", "tol": "rtol or accuracy", "t0": "t_span"},
+    ),
+    "ensemble": (lambda **given: eig3.ensemble(*RUN, **given), {"step": "h", "p": "params", "v": "v0", "tf": "t_span"}),
+    "prepare": (lambda **given: eig3.prepare(None, **given), {"dt": "h", "dt_max": "h or h_max", "saveat": "t_eval"}),
+    "plan": (
+        lambda **given: eig3.plan(None, 1e-3, **given),
+        {"tol": "accuracy", "rtol": "accuracy", "solver": "methods"},
+    ),
+    "fit": (lambda **given: eig3.fit(None, None, **given), {"dt": "h", "x0": "parameters", "p0": "parameters"}),
+    "report": (lambda **given: eig3.report(None, **given), {"accuracy": "accuracies"}),
+}
+
+
+@pytest.mark.parametrize(("called", "meant"), CLASSICAL.values(), ids=CLASSICAL)
+def test_classical_names_of_the_arguments_of_runs(called, meant):
+    for given, wanted in meant.items():
+        with pytest.raises(TypeError, match=rf"\(\) has no argument '{given}'; did you mean {wanted}\?$"):
+            called(**{given: 1.0})
+
+
+@pytest.mark.parametrize("call", ["integrate", "prepare", "ensemble", "stepper"])
+def test_classical_names_of_the_fields_of_a_problem(call):
+    names = {"tspan": "t_span", "t0": "t_span"}
+    if call != "ensemble":
+        names |= {"x0": "u0", "args": "params"}
+    for given, field in names.items():
+        with pytest.raises(TypeError, match=rf"the field {field}.*problem\.with_\({field}=\.\.\.\)\.{call}\("):
+            getattr(problems.kepler(), call)(**{given: 1.0, "h": 0.1})
+    with pytest.raises(TypeError, match=r"^with_ can change name, .*, but not dt: did you mean h\?$"):
+        problems.kepler().with_(dt=0.1)
+
+
+def test_a_name_of_one_letter_is_similar_if_the_keyword_begins_with_it():
+    with pytest.raises(
+        TypeError, match=r"critical_step\(\) has no argument 'dt'; its arguments are method, t, safety\."
+    ):
+        problems.kepler().critical_step(dt=0.1)
+
+
+def test_the_public_names_are_listed_and_no_others():
+    names = dir(eig3)
+    assert sorted(eig3.__all__) == names
+    assert all(getattr(eig3, name) is not None for name in names)
+    assert not {"Any", "importlib", "keywords", "functions", "np"} & {*names}
 
 
 def test_a_prepared_run_and_a_problem_answer_too():
@@ -97,7 +154,19 @@ def test_errors_from_inside_stay():
 def test_other_codes_have_names_for_what_is_there():
     """No row of the table is left over when a name changes."""
     records = [x for x in vars(effects).values() if inspect.isclass(x) and dataclasses.is_dataclass(x)]
-    functions = [eig3.integrate, Scene.add, Scene.mass, Scene.body, Scene.add_mesh, RigidBody.friction, eig3.Langevin]
+    functions = [
+        eig3.integrate,
+        eig3.ensemble,
+        eig3.plan,
+        eig3.fit,
+        eig3.Problem.integrate,
+        Scene.add,
+        Scene.mass,
+        Scene.body,
+        Scene.add_mesh,
+        RigidBody.friction,
+        eig3.Langevin,
+    ]
     known = {field.name for record in records for field in dataclasses.fields(record)}
     known |= {name for function in functions for name in inspect.signature(function).parameters}
     assert _ELSEWHERE.keys() <= known

@@ -2,10 +2,11 @@
 
 import multiprocessing
 import pickle
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.sparse
 
@@ -484,6 +485,65 @@ def test_members_may_have_parameters_each():
     sized = eig3.Problem("sized", first_of_array, 1.0, 0.0, values[0], (0.0, 1.0))
     with pytest.raises(ValueError, match=r"^params must have arrays of the same sizes for all members"):
         sized.ensemble(params=values, h=0.01)
+
+
+FRAME = pd.DataFrame({"k": [1.0, 2.0, 3.0], "c": [0.1, 0.2, 0.3], "power": [1, 1, 1]})
+TABLES = {
+    "DataFrame": FRAME,
+    "list of dict": FRAME.to_dict("records"),
+    "list of NamedTuple": [Spring(k, c, 1) for k, c in zip(FRAME.k, FRAME.c, strict=True)],
+    "list of Parameters": [eig3.Parameters(row) for row in FRAME.to_dict("records")],
+}
+
+
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
+def test_a_table_of_parameters_has_a_row_for_each_member(table):
+    """The members have the bits of the same numbers in a dictionary, in parts and on an executor too."""
+    columns = {"k": FRAME.k.to_numpy(), "c": FRAME.c.to_numpy(), "power": 1}
+    wanted = eig3.ensemble(spring, (0, 1), np.ones(3), 0.0, params=columns, invariants={"energy": energy}, **H)
+    runs = eig3.ensemble(spring, (0, 1), 1.0, 0.0, params=table, invariants={"energy": energy}, **H)
+    problem = make_problem().with_(events={}, u0=1.0, v0=0.0, t_span=(0, 1))
+    with ThreadPoolExecutor(1) as pool:
+        shipped = problem.ensemble(params=table, executor=pool, **H)
+    for each in (runs, shipped, problem.ensemble(params=table, **H)):
+        np.testing.assert_array_equal(each.u, wanted.u)
+    assert list(runs.summary().columns[:2]) == ["k", "c"]
+    by_array = eig3.ensemble(spring_of_array, (0, 1), 1.0, 0.0, params=table, **H)
+    np.testing.assert_array_equal(by_array.u, eig3.ensemble(spring_of_array, (0, 1), 1.0, 0.0, params=FRAME, **H).u)
+
+
+def test_a_table_of_the_parameters_that_change_and_of_arrays():
+    problem = make_problem().with_(events={})
+    runs = problem.ensemble(params=FRAME[["c"]], **H)
+    np.testing.assert_array_equal(runs.u, problem.ensemble(params={"c": FRAME.c}, **H).u)
+    rows = [{"a": [1.0, 9.0]}, {"a": [2.0, 9.0]}]
+    runs = eig3.ensemble(first_of_array, (0, 1), 1.0, 0.0, params=rows, **H)
+    cells = pd.DataFrame({"a": [row["a"] for row in rows]})
+    np.testing.assert_array_equal(runs.u, eig3.ensemble(first_of_array, (0, 1), 1.0, 0.0, params=cells, **H).u)
+    assert runs.u[1, -1] == pytest.approx(np.cos(np.sqrt(2)), abs=1e-4)  # the error of h = 0.01 is h^2 / 24
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (FRAME[["k", "power"]], r"^spring reads p\.c, but params has no c: did you mean k or power\?$"),
+        (FRAME.assign(site="north"), r"^params must have numbers in site, .*: leave out what is not a parameter\.$"),
+        (FRAME.assign(c=[0.1, np.nan, 0.3]), r"^params has no value of c in row 1: fill it in, or drop the row\.$"),
+        (FRAME[:0], r"^params must hold at least one member, but the table has no rows\.$"),
+        ([{"k": 1.0, "c": 0.1}, {"k": 1.0}], r"they are k, c in params\[0\] and k in params\[1\]: give each member"),
+        ([{"k": 1.0}, 2.0], r"^params\[1\] must be a dictionary or a NamedTuple as the other members, not 2\.0\.$"),
+        ([{"k": 1.0, "c": [1.0]}, {"k": 1.0, "c": [1.0, 2.0]}], r"values of c of the same shape in all members"),
+        (FRAME[:2], r"^u0 has the shape \(3,\) and params the shape \(2, 3\), but their first axes are the members\.$"),
+    ],
+)
+def test_tables_that_are_refused(table, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        eig3.ensemble(spring, (0, 1), np.ones(3), 0.0, params=table, **H)
+
+
+def test_a_table_with_a_name_that_the_problem_does_not_have():
+    with pytest.raises(TypeError, match=r"^params has no kk: did you mean k\?$"):
+        make_problem().with_(events={}).ensemble(params=FRAME.rename(columns={"k": "kk"}), **H)
 
 
 @eig3.jit

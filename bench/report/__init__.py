@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from eig3.command_line import Files, add_methods, add_out, count, folder
+from eig3.keywords import with_suggestions
 from eig3.methods import LIBRARY, shown
 from eig3.named_problem import is_own
 from eig3.problem import Problem
@@ -217,6 +218,7 @@ def draw(record: Record, out: Path, comparison: Comparison | None, write: Callab
     files.finish(write)
 
 
+@with_suggestions()
 def report(
     problem: Problem,
     out: str | os.PathLike[str] = "report",

@@ -8,6 +8,7 @@ from functools import partial
 from os import PathLike
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_cancel, check_count, check_flag, check_span
@@ -30,6 +31,7 @@ from .accuracy import check_members_method, reach_members
 from .checked import check_members_repeatable, errors_of_members
 from .files import Directory
 from .in_process import Run, at_start
+from .member_tables import is_table
 from .members import Members, check_members
 from .named_members import OfMembers, split, with_lengths
 from .parts import Joined, Listed, Recipe, Results, parts_of
@@ -94,9 +96,9 @@ def ensemble(
         Displacements and velocities at the first time.
     h : float or array_like, shape (m,)
         The fixed step. If it does not divide the span, the run takes the next shorter step that does. Or take rtol.
-    params : array_like, shape (k,) or (m, k); or NamedTuple or dict
-        The parameters. rhs gets the parameters of a member as p, of shape (k,). A named array whose first axis has the
-        length m has a value for each member; it is refused if rhs could take it as a whole.
+    params : array_like, shape (k,) or (m, k); or NamedTuple or dict; or DataFrame; or list of dict or NamedTuple
+        rhs gets the parameters of a member as p, of shape (k,). A named array whose first axis has the length m has a
+        value for each member; it is refused if rhs could take it as a whole. A DataFrame has a row for each member.
     rtol, atol, method, save_every, t_eval, events, invariants, outputs, invariants_every : optional
     h_max, first_step, max_steps, check, accuracy, scale, max_seconds, progress, cancel : optional
         As for `eig3.integrate`. By default only the first and the last state are saved.
@@ -156,7 +158,7 @@ def ensemble(
         first_order, z = check_z0(rhs, z0, of_members=True)
         (u0, v0), rhs = first_order.start(u0, v0, z), first_order.bind_rhs(rhs)
     named_params = params
-    if not isinstance(params, OfMembers) and has_names(params):
+    if not isinstance(params, OfMembers | np.ndarray) and (has_names(params) or is_table(params, rhs)):
         params, one = split(rhs, params, check_span(t_span)[0], u0, v0, 0.0 if h is None else h)
         rhs = one.layout.bind(rhs)
     _refuse_parallel(rhs)

@@ -16,6 +16,7 @@ from ..functions.layout import MOST_AXES, unknown_name
 from ..functions.named import Parameters, has_names, in_layout
 from ..functions.sparse import Sparse, is_of_scipy
 from ..kernels.protocol import SCALAR, Form
+from .member_tables import Table, table_of
 
 # Functions that do not compile. The references are weak, to free the memory of functions that are no longer used.
 _refused: WeakSet[Any] = WeakSet()
@@ -41,8 +42,9 @@ def of_members(changes: Any, base: Parameters) -> OfMembers:
 
     Parameters
     ----------
-    changes : mapping, or sequence of Parameters
-        New values, for all members or with a first axis of members; or the parameters of each member.
+    changes : mapping, or sequence of Parameters, or table
+        New values, for all members or with a first axis of members; or the parameters of each member. A table, as for
+        `table_of`, has a value for each member.
     base : Parameters
         The unchanged values, and the kinds.
 
@@ -52,21 +54,22 @@ def of_members(changes: Any, base: Parameters) -> OfMembers:
         If a name, a shape or a number of members is wrong.
     """
     layout = base.layout
-    if isinstance(changes, list | tuple) and changes and all(isinstance(each, Parameters) for each in changes):
+    if _has_parameters_each(changes):
         rows = [np.asarray(in_layout(layout, each)) for each in changes]
         if any(row.size != rows[0].size for row in rows):
             raise ValueError(
                 "params must have arrays of the same sizes for all members: take an ensemble for each size."
             )
         return OfMembers(np.array(rows))
-    given = _as_dict(changes)
+    table = changes if isinstance(changes, Table) else table_of(changes)
+    given = _as_dict(changes) if table is None else table
     each: dict[str, np.ndarray] = {}
     shared = base._asdict()
     for name, value in given.items():
         if name not in layout.names:
             raise unknown_name("params has", name, layout.names)
         kind = layout.kinds[layout.names.index(name)]
-        if kind.ndim >= 0 and np.ndim(value) == kind.ndim + 1:
+        if table is not None or (kind.ndim >= 0 and np.ndim(value) == kind.ndim + 1):
             each[name] = np.asarray(value)
         else:
             shared[name] = value
@@ -83,7 +86,7 @@ def of_members(changes: Any, base: Parameters) -> OfMembers:
 def split(rhs: Any, params: Any, t0: float, u0: ArrayLike, v0: ArrayLike, h: ArrayLike) -> tuple[OfMembers, Parameters]:
     """Return the parameters of the members, and the parameters of the first member.
 
-    An array whose first axis has the length of the ensemble has a value for each member.
+    An array whose first axis has the length of the ensemble has a value for each member, and so has a table.
 
     Raises
     ------
@@ -91,6 +94,12 @@ def split(rhs: Any, params: Any, t0: float, u0: ArrayLike, v0: ArrayLike, h: Arr
         As for `of_members`, and if the number of members is not clear, or if rhs could also take such an array as a
         whole.
     """
+    if _has_parameters_each(params):
+        return of_members(params, params[0]), params[0]
+    table = table_of(params)
+    if table is not None:
+        base = Parameters({name: values[0] for name, values in table.items()})
+        return of_members(table, base), base
     form = form_of(rhs)
     given, inner = _as_dict(params), 0 if form is SCALAR else 1
     axes = (np.shape(u0)[: np.ndim(u0) - inner], np.shape(v0)[: np.ndim(v0) - inner], np.shape(h))
@@ -155,6 +164,10 @@ def with_lengths(error: TypeError, params: Any, m: int) -> TypeError:
     said = ", ".join(f"params[{name!r}] has the length {length}" for name, length in others.items())
     text = str(error).rstrip(".")
     return TypeError(f"{text}: {said}, but there are {m} members; give {m} values, one for each member.")
+
+
+def _has_parameters_each(params: Any) -> bool:
+    return isinstance(params, list | tuple) and bool(params) and all(isinstance(each, Parameters) for each in params)
 
 
 def _as_dict(params: Any) -> Mapping[str, Any]:

@@ -20,9 +20,11 @@ from ..functions.evaluation import accelerations
 from ..functions.extremes import Extremes
 from ..functions.first_order import FirstOrder, check_z0, is_bound
 from ..functions.guard import guarded
+from ..functions.layout import Layout, bound_layout
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR
 from ..methods import Method
+from ..notebook import of_repr
 from ..result import frames
 from ..result.columns import OF_RUNS, OF_STATES, each
 from ..result.labels import Labels
@@ -180,15 +182,22 @@ class EnsembleSolution:
 
     def _n_rows(self, chosen: slice = slice(None)) -> np.ndarray:
         """Return the number of finite saved states of some members; all finite states come first."""
-        finite = np.isfinite(self.u[chosen]) & np.isfinite(self.v[chosen])
+        u, v = self.u[chosen], self.v[chosen]
+        if np.isfinite(u[:, -1:]).all() and np.isfinite(v[:, -1:]).all():
+            return np.full(len(u), u.shape[1])
+        finite = np.isfinite(u) & np.isfinite(v)
         return np.count_nonzero(finite if finite.ndim == 2 else finite.all(axis=2), axis=1)
 
     def _table(self) -> SimpleNamespace:
         """Return the columns of all states, including a last state that save_every does not include."""
-        counts = self._n_rows()
-        chosen = np.arange(self.u.shape[1]) < counts[:, None]
-        member = np.nonzero(chosen)[0]
-        fields = {name: each(lambda x: x[chosen], getattr(self, name)) for name in OF_STATES}
+        counts, rows = self._n_rows(), self.u.shape[1]
+        member = np.repeat(np.arange(len(self)), counts)
+        chosen = None if (counts == rows).all() else np.arange(rows) < counts[:, None]
+
+        def taken(x: np.ndarray) -> np.ndarray:
+            return x.reshape(len(member), *x.shape[2:]) if chosen is None else x[chosen]
+
+        fields = {name: each(taken, getattr(self, name)) for name in OF_STATES}
         if self._last:
             numbers = sorted(self._last)
             ends = np.cumsum(counts)[numbers]
@@ -198,6 +207,12 @@ class EnsembleSolution:
                 fields[name] = each(lambda x, *last: np.insert(x, ends, last, axis=0), fields[name], *states)
         return SimpleNamespace(**fields, member=self.first + member, labels=self.labels)
 
+    @property
+    def _layout(self) -> Layout | None:
+        """The names of the parameters; without the labels of a problem, a copy does not have them."""
+        text = self.labels.layout if self.labels else ""
+        return Layout.of_text(text) if text else bound_layout(self._rhs)
+
     def summary(self) -> Any:
         """Return a `pandas.DataFrame` with a row for each member.
 
@@ -205,10 +220,10 @@ class EnsembleSolution:
         -------
         pandas.DataFrame
             The index is the number of the member in the whole ensemble. The columns are the parameters that differ
-            between members, without arrays of more than 24 values; status, h, n_steps and n_rhs; the drift of each
-            invariant; for each event, its count and the time of its first occurrence, NaN without one; the minimum and
-            the maximum of each invariant and output, their times, and the peak, the maximum of the size; and the time
-            and the values of the last finite state, named as by `to_pandas`.
+            between members, without arrays of more than 24 values, as p.h if another column is h; status, h, n_steps
+            and n_rhs; the drift of each invariant; for each event, its count and the time of its first occurrence, NaN
+            without one; the minimum and the maximum of each invariant and output, their times, and the peak, the
+            maximum of the size; and the time and the values of the last finite state, named as by `to_pandas`.
 
         Raises
         ------
@@ -226,8 +241,9 @@ class EnsembleSolution:
         -------
         xarray.Dataset
             As for a `Solution`, with a first axis member, the number of the member in the whole ensemble. If the
-            members have different times, the second axis is row, and the coordinate t has the times. h, n_steps and
-            status are variables over member.
+            members have different times, the second axis is row, and the coordinate t has the times. Variables over
+            member are h, n_steps, status, and for each event its count and the time of its first occurrence, named as
+            by `summary`; the parameters that differ between members are coordinates over member.
 
         Raises
         ------
@@ -396,6 +412,8 @@ class EnsembleSolution:
         lines += [f"  {self.error!r}"] * (self.error is not None)
         lines += [f"  Note: {note}" for note in self.notes]
         return "\n".join(lines)
+
+    _repr_html_ = of_repr
 
     def _counts(self) -> str:
         counts = collections.Counter(self.status.tolist())

@@ -17,6 +17,7 @@ from ..functions.quantities import check_functions
 from ..kernels.compile.interrupt import with_solution
 from ..keywords import with_suggestions
 from ..methods import Method
+from ..notebook import of_repr
 from ..problem import Problem
 from .data import Series, check_data
 from .estimates import correlation, covariance, is_doubtful, loose_note
@@ -111,6 +112,8 @@ class Fit:
         lines = [f"Fit of {len(self.values)} parameters to {n_data} values, with {self.n_runs} runs:"]
         lines += [f"  {_with_error(name, value, self.errors[name])}" for name, value in self.values.items()]
         return "\n".join([*lines, f"  scatter of the residuals: {self.scatter:.4g}", f"  {self.message}"])
+
+    _repr_html_ = of_repr
 
 
 @with_solution

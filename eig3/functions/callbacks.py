@@ -252,7 +252,7 @@ def compile_present(function: Jitted, arguments: tuple, kind: str, name: str, wa
         if is_write_to_readonly(error):
             read = "p; it may only read it" if kind == "apply" else "u, v or p; it may only read them"
             raise TypeError(f"{name} must not write to {read}.") from error
-        names = [attribute for attribute in attributes_of(function, PLACE_OF_P) if not hasattr(np.ndarray, attribute)]
+        names = names_read(function)
         if names:
             example = ", ".join(f"{attribute!r}: 1.0" for attribute in dict.fromkeys(names))
             raise TypeError(
@@ -299,6 +299,13 @@ def _reads(function: Any, place: int) -> bool:
     name = code.co_varnames[place]
     named = (i.argval if isinstance(i.argval, tuple) else (i.argval,) for i in dis.get_instructions(code))
     return name in code.co_cellvars or any(name in names for names in named)
+
+
+def names_read(function: Any) -> list[str]:
+    """Return the names of the parameters that a jitted function reads as attributes of p; none for another object."""
+    if not isinstance(function, Jitted):
+        return []
+    return [attribute for attribute in attributes_of(function, PLACE_OF_P) if not hasattr(np.ndarray, attribute)]
 
 
 def attributes_of(function: Any, place: int) -> list[str]:

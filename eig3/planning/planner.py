@@ -12,6 +12,7 @@ from ..functions.companions import constraints_of
 from ..kernels.compile.interrupt import with_solution
 from ..keywords import with_suggestions
 from ..methods import EIG, LIBRARY, Method
+from ..notebook import grid
 from ..problem import Problem
 from ..result.solution import Solution
 from .other_packages import faster_elsewhere
@@ -37,6 +38,7 @@ _HOPELESS = 4.0  # a method of no higher order and no fewer evaluations is at mo
 _UNEVEN = 8.0  # if the guide is faster with tolerances by this factor, no method with a fixed step can be the fastest
 _CLOSE = 1.6  # methods predicted to take at most this multiple of the shortest time are timed
 _RULED_OUT = "ruled out: "
+_HEAD = {"h": 9, "steps": 9, "evaluations": 12, "seconds": 9, "error": 8}  # the columns of a plan, and their widths
 AnySearch = Search | ToleranceSearch
 
 
@@ -97,6 +99,14 @@ class Prediction:
         if self.rtol is None:
             return name
         return f"{name}, rtol {self.rtol:.1e}" if self.reaches else f"{name}, rtol"
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """The label, then the numbers and a note in the columns of a plan, or the reason why there are none."""
+        if not self.reaches:
+            return self.label, self.note if self.note.startswith(_RULED_OUT) else f"not reached: {self.note}"
+        numbers = f"{self.h:.3g}", f"{self.n_steps:.3g}", f"{self.evaluations:.3g}", f"{self.seconds:.3g}"
+        return self.label, *numbers, f"{self.error:.1e}", self.note
 
 
 @dataclass(frozen=True)
@@ -162,29 +172,33 @@ class Plan:
     def __repr__(self) -> str:
         names = [p.label for p in self.predictions]
         width = max(14, *map(len, names))
-        lines = [
+        lines = [self._title, *(f"  {line}" for line in self._extent)]
+        for name, *cells in [("method", *_HEAD), *(p.cells for p in self.predictions)]:
+            if len(cells) > 1:
+                cells[: len(_HEAD)] = [" ".join(f"{x:>{n}}" for x, n in zip(cells, _HEAD.values(), strict=False))]
+            lines.append(f"  {name:<{width}} {'  '.join(cells)}".rstrip())
+        return "\n".join([*lines, f"  {self.elsewhere}"] if self.elsewhere else lines)
+
+    def _repr_html_(self) -> str:
+        ends = [(line,) for line in (*self._extent, self.elsewhere) if line]
+        return grid(self._title, ("method", *_HEAD, ""), [*(p.cells for p in self.predictions), *ends])
+
+    @property
+    def _title(self) -> str:
+        return (
             f"Plan for {self.problem.name}: {self.metric} error {self.accuracy:g} up to t = "
             f"{self.problem.t_span[1]:g} (pilot runs: {self.pilot_seconds:.2g} s, compilation: "
-            f"{self.compile_seconds:.2g} s)",
-            *self._extent,
-            f"  {'method':<{width}} {'h':>9} {'steps':>9} {'evaluations':>12} {'seconds':>9} {'error':>8}",
-        ]
-        for name, p in zip(names, self.predictions, strict=True):
-            if p.reaches:
-                numbers = f"{p.h:>9.3g} {p.n_steps:>9.3g} {p.evaluations:>12.3g} {p.seconds:>9.3g} {p.error:>8.1e}"
-                lines.append(f"  {name:<{width}} {numbers}" + f"  {p.note}" * bool(p.note))
-            else:
-                lines.append(f"  {name:<{width}} {'' if p.note.startswith(_RULED_OUT) else 'not reached: '}{p.note}")
-        return "\n".join([*lines, f"  {self.elsewhere}"] if self.elsewhere else lines)
+            f"{self.compile_seconds:.2g} s)"
+        )
 
     @property
     def _extent(self) -> list[str]:
-        """Return a line about the part of the span of the pilot runs, if it is not the whole span."""
+        """Return a sentence about the part of the span of the pilot runs, if it is not the whole span."""
         begin, end = self.window
         if (begin, end) == tuple(self.problem.t_span):
             return []
         later = f"; the motion after t = {self.seen:g} is not known" if self.seen < self.problem.t_span[1] else ""
-        return [f"  The pilot runs are from t = {begin:g} to {end:g}, and errors are extrapolated{later}."]
+        return [f"The pilot runs are from t = {begin:g} to {end:g}, and errors are extrapolated{later}."]
 
 
 @with_solution

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import collections
 import importlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
-from ..functions.layout import Layout
 from .labels import Labels
 
 _OF_EXTREMES = "minimum", "time of minimum", "maximum", "time of maximum", "peak"
@@ -42,30 +41,44 @@ def ensemble_summary(solution: Any) -> Any:
     """Return a DataFrame with a row for each member, as `EnsembleSolution.summary` describes."""
     pandas = _module("pandas")
     index = pandas.Index(solution.first + np.arange(len(solution)), name="member")
-    frame = pandas.DataFrame(_distinct(_of_members(solution)), index=index)
+    columns = _distinct(_of_members(solution))
+    frame = pandas.DataFrame(_parameters_beside(solution, columns) | columns, index=index)
     frame.attrs.update(method=repr(solution.method))
     return frame
 
 
 def _of_members(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the name and the values of each column of a summary."""
-    yield from _varied_parameters(solution)
+    """Yield the name and the values of each column of a summary, without the parameters."""
     yield "status", np.array([status.value for status in solution.status])
     for name in ("h", "n_steps", "n_rhs"):
         yield name, getattr(solution, name)
     for name, drift in solution.drift.items():
         yield f"drift of {name}", drift
-    for name, occurrences in solution.events.items():
-        yield f"count of {name}", np.bincount(occurrences.member, minlength=len(solution))
-        yield f"first {name}", occurrences.first
+    yield from _events(solution)
     for name, found in solution.extremes.items():
         values = (found.low, found.t_low, found.high, found.t_high, found.peak)
         for what, column in zip(_OF_EXTREMES, values, strict=True):
             yield from _named(f"{what} of {name}", column)
     table = solution._table()
-    last = np.searchsorted(table.member, solution.first + np.arange(len(solution)), side="right") - 1
-    yield "t", table.t[last]
-    yield from ((name, column[last]) for name, column in _columns(table))
+    members = solution.first + np.arange(len(solution))
+    first, end = (np.searchsorted(table.member, members, side=side) for side in ("left", "right"))
+    has_states = first < end  # t_eval may begin after the end of a member
+    for name, column in (("t", table.t), *_columns(table)):
+        last = np.full(len(members), np.nan)
+        last[has_states] = column[end[has_states] - 1]
+        yield name, last
+
+
+def _events(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
+    for name, occurrences in solution.events.items():
+        yield f"count of {name}", np.bincount(occurrences.member, minlength=len(solution))
+        yield f"first {name}", occurrences.first
+
+
+def _parameters_beside(solution: Any, columns: Collection[str]) -> dict[str, np.ndarray]:
+    """Return the parameters that differ between members; a name that a column has, such as h, gets a prefix: p.h."""
+    found = _varied_parameters(solution)
+    return {f"p.{name}" if name in columns else name: values for name, values in found}
 
 
 def _varied_parameters(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
@@ -73,8 +86,8 @@ def _varied_parameters(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
     p = solution.params
     if p.ndim == 1:
         return
-    layout = solution.labels.layout if solution.labels else ""
-    names = Layout.of_text(layout).names_of(p[0]) if layout else [f"p[{i}]" for i in range(p.shape[1])]
+    layout = solution._layout
+    names = layout.names_of(p[0]) if layout else [f"p[{i}]" for i in range(p.shape[1])]
     whole = [name.partition("[")[0] for name in names]
     counts = collections.Counter(whole) if layout else {}
     for i in np.flatnonzero((p != p[:1]).any(axis=0)):
@@ -91,8 +104,11 @@ def ensemble_to_xarray(solution: Any) -> Any:
         "t": solution.t[0] if has_one_time else (axes, solution.t),
     }
     status = np.array([status.value for status in solution.status])
-    further = {"h": ("member", solution.h), "n_steps": ("member", solution.n_steps), "status": ("member", status)}
-    return _dataset(solution, axes, coordinates, further, {"method": repr(solution.method)})
+    of_members = {"h": solution.h, "n_steps": solution.n_steps, "status": status, **dict(_events(solution))}
+    further = {name: ("member", values) for name, values in of_members.items()}
+    dataset = _dataset(solution, axes, coordinates, further, {"method": repr(solution.method)})
+    parameters = _parameters_beside(solution, [*dataset.variables, *dataset.dims])
+    return dataset.assign_coords({name: ("member", values) for name, values in parameters.items()})
 
 
 def _module(name: str) -> Any:

@@ -21,6 +21,7 @@ from ..functions.extremes import Extremes
 from ..functions.first_order import FirstOrder, flat
 from ..kernels.compile.interrupt import keeping, with_solution
 from ..methods import Method
+from ..notebook import of_repr
 from . import frames, storage
 from .error_estimate import ErrorEstimate
 from .interpolation import Knots
@@ -602,6 +603,8 @@ class Solution:
         lines += [f"  {self.error}"] * (self.error is not None)
         lines += [f"  Note: {note}" for note in (*self.notes, *(self.error.notes if self.error else ()))]
         return "\n".join(lines)
+
+    _repr_html_ = of_repr
 
 
 #: The functions that compute the default values of fields.

@@ -17,7 +17,7 @@ from ..functions.guard import guarded
 from ..functions.named import has_names, in_layout, named
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR, Form
-from ..keywords import refusal
+from ..keywords import refusal, with_suggestions
 from ..methods import Method
 from ..result.memory import n_rows
 from ..result.solution import Solution
@@ -252,6 +252,7 @@ class Prepared:
         return Prepared, (self._system.rhs, self._system.form, self.options, self._defaults, self._z0)
 
 
+@with_suggestions(run_options)
 def prepare(rhs: Any, *, params: Any = None, z0: Any = None, **options: Any) -> Prepared:
     """Check the options, choose the method and compile the code, for many runs with different initial values.
 
