@@ -109,8 +109,8 @@ def ensemble(
         ``reduce(part)`` gets the `EnsembleSolution` of a part, whose `first` is the number of its first member, and
         returns what you need of it, where the part ran. With an executor, it and what it returns must be picklable.
     save_to : str or path
-        A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it. If an earlier
-        run of the same ensemble was interrupted or killed, its directory: the parts in it do not run again.
+        A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it. Or the
+        directory of the same ensemble, which was interrupted or killed: its finished parts do not run again.
     z0 : array_like, shape (k,) or (m, k); or dict of str to array_like, shape () or (m,)
         First-order unknowns at the first time.
     first_order, labels
@@ -200,8 +200,7 @@ def ensemble(
         return reach_members(goal, rhs, options, checked) if goal else checked(options)
     if executor is None and reduce is None and save_to is None:
         return Run(rhs, members, options, own).march(progress, cancel)
-    recipe = None if save_to is None else recipe_of(rhs, members, options)
-    place = recipe and Directory(save_to, recipe)
+    place = None if save_to is None else Directory(save_to, recipe_of(rhs, members, options))
     return run_in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)
 
 

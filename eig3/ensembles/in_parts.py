@@ -45,7 +45,7 @@ def run_in_parts(
     results: Results = Listed(len(parts))
     if reduce is None:
         start = at_start(rhs, members, options)
-        start._resume = place and partial(_resumed, rhs, members, options, place)
+        start._resume = partial(_resumed, rhs, members, options, place) if place else None
         results = joined = Joined(start, place)
         left = joined.left(parts)
     recipe = Recipe(partial(_march, rhs, options), reduce)

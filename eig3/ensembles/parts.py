@@ -144,7 +144,7 @@ class Joined:
         return [part for part in parts if not self._take(part)]
 
     def _take(self, part: Part) -> bool:
-        solution = self.place and self.place.finished(part.first, len(part))
+        solution = self.place.finished(part.first, len(part)) if self.place else None
         if solution is None:
             return False
         self._n_taken += len(part)

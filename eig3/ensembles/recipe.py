@@ -23,6 +23,8 @@ from .members import Members
 #: The marks of an ensemble, by the names of its arguments. An empty text is a function whose content is unknown.
 Marks = Mapping[str, tuple[str, ...]]
 
+_OF_MEMBERS = "t_span", "u0", "v0", "h", "n_steps", "own"
+
 
 def recipe_of(rhs: Any, members: Members, options: RunOptions) -> dict[str, Any]:
     """Return the values that a file keeps: all that `restored` needs except the params, and the marks."""
@@ -31,8 +33,7 @@ def recipe_of(rhs: Any, members: Members, options: RunOptions) -> dict[str, Any]
         "method": method if method.jacobian is None else dataclasses.replace(method, jacobian=None),
         "has_jacobian": method.jacobian is not None,
         "is_scalar": members.form is SCALAR,
-        "t_span": members.t_span,
-        **{name: getattr(members, name) for name in ("u0", "v0", "h", "n_steps", "own")},
+        **{name: getattr(members, name) for name in _OF_MEMBERS},
         "step": options.h,
         **{name: getattr(options, name) for name in ("tolerances", "save_every", "t_eval", "labels", "first_order")},
         "layout": layout and layout.text,
@@ -62,13 +63,13 @@ def restored(
     for name, known in recipe["names"].items():
         functions[name] = _in_order(name, functions[name], known)
     if (jacobian is not None) != recipe["has_jacobian"]:
-        what = "the method of the ensemble has a jacobian: give" if jacobian is None else "the method has none: leave out"
+        what = "the method of the run has a jacobian: give" if jacobian is None else "the run has none: leave out"
         raise ValueError(f"{what} jacobian.")
     if jacobian is not None:
         method = dataclasses.replace(method, jacobian=jacobian)
     form = SCALAR if recipe["is_scalar"] else VECTOR
-    start = (recipe[name] for name in ("t_span", "u0", "v0"))
-    members = Members(form, *start, params, recipe["h"], recipe["n_steps"], own=recipe["own"])
+    given_members = {name: recipe[name] for name in _OF_MEMBERS}
+    members = Members(form=form, params=params, **given_members)
     options = RunOptions(
         h=recipe["step"],
         tolerances=recipe["tolerances"] and Tolerances(*recipe["tolerances"]),
@@ -90,6 +91,7 @@ def marks(rhs: Any, members: Members, options: RunOptions) -> Marks:
     The content of a function is a digest of its bytecode and of the values that it reads from outside.
     """
     functions = options.functions
+    found: dict[str, tuple[str, ...]]
     found = {name: (_text(getattr(members, name)),) for name in ("t_span", "u0", "v0", "h")}
     found["params"] = _text(members.params), _text(members.own)
     found["method"] = _text(options.method), _content(options.method.jacobian)

@@ -322,7 +322,7 @@ class EnsembleSolution:
         if self._resume is None:
             why = "it was not written by save_to, or is a copy; run eig3.ensemble(..., save_to=DIR)"
             if self._with_functions:
-                why = "it was loaded without functions; give rhs, events, invariants and outputs of the ensemble to load"
+                why = "it was loaded without functions; give load the functions of the ensemble, such as rhs"
             raise ValueError(f"this ensemble cannot go on: {why}.")
         return self._resume(threads=threads, executor=executor, progress=progress, cancel=cancel)
 
@@ -361,8 +361,9 @@ class EnsembleSolution:
                 raise ValueError(f"{name} needs rhs too: the right-hand side of the ensemble.")
         if self._with_functions and rhs is not None:
             self._resume = partial(self._with_functions, self.params, rhs, given)
-        unknowns, _ = check_z0(rhs, {name: x[0, 0] for name, x in self.z.items()} or None)
-        self._rhs = unknowns.bind_rhs(rhs)
+        if rhs is not None:
+            unknowns, _ = check_z0(rhs, {name: x[0, 0] for name, x in self.z.items()} or None)
+            self._rhs = unknowns.bind_rhs(rhs)
         return self
 
     def _separate(self, unknowns: FirstOrder) -> None:
