@@ -411,7 +411,7 @@ def test_own_problems_run_in_all_commands(name, tmp_path, monkeypatch, capsys):
         ("mine:nothing", "eig3 run: nothing must return an eig3.Problem, not int."),
         ("mine:rhs", "it must be an eig3.Problem or a function that returns one, not a jitted function."),
         ("mine:scene", "a function that returns one, not scene: take what its method problem returns."),
-        ("mine:broken", "eig3 run mine:broken: RuntimeError: the table is missing (mine.py, line 18)."),
+        ("mine:broken", "eig3 run mine:broken: RuntimeError: the table is missing (mine.py, line 17)."),
         ("mine.py", "eig3 run: mine.py is a file: name the problem in it too, as mine.py:NAME."),
         ("yours.py:fixed", "eig3 run yours.py:fixed: there is no file yours.py."),
         ("mime.py:fixed", "eig3 run mime.py:fixed: there is no file mime.py, but mine.py."),

@@ -1,4 +1,4 @@
-"""Ensembles that go on after they were killed or cancelled: the same bits, and no finished part runs again."""
+"""Ensembles that continue after they were killed or cancelled: the same bits, and no finished part runs again."""
 
 import json
 import multiprocessing
@@ -229,10 +229,10 @@ def test_functions_are_compared_by_what_they_compute(tmp_path):
 
 
 def test_what_resume_needs(tmp_path):
-    with pytest.raises(ValueError, match="cannot go on: it was not written by save_to, or is a copy"):
+    with pytest.raises(ValueError, match="cannot be resumed: it was not written by save_to, or is a copy"):
         run().resume()
     run(save_to=tmp_path, cancel=After(4))
-    with pytest.raises(ValueError, match="cannot go on: it was loaded without functions; give load the functions"):
+    with pytest.raises(ValueError, match="cannot be resumed: it was loaded without functions; give load the functions"):
         eig3.load(tmp_path).resume()
     with pytest.raises(ValueError, match="events must have the same names as in the ensemble: 'turn', 'passage'"):
         eig3.load(tmp_path, rhs=oscillator).resume()

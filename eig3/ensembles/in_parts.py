@@ -1,4 +1,4 @@
-"""An ensemble that runs in parts, and goes on from the parts that are in its directory."""
+"""An ensemble that runs in parts, and continues from the parts that are in its directory."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _resumed(
 
 
 def _loaded(path: Path) -> EnsembleSolution:
-    """Return the ensemble in a directory, which can go on with its functions."""
+    """Return the ensemble in a directory, which can continue with its functions."""
     solution = whole_in(path)
     if recipe_in(path):
         solution._with_functions = partial(_of_functions, path)

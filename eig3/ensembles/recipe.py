@@ -1,4 +1,4 @@
-"""What determines the result of an ensemble. It is stored beside the parts, so that the ensemble can go on later."""
+"""What determines the result of an ensemble. It is stored beside the parts, so that the ensemble can continue later."""
 
 from __future__ import annotations
 

@@ -323,7 +323,7 @@ class EnsembleSolution:
             why = "it was not written by save_to, or is a copy; run eig3.ensemble(..., save_to=DIR)"
             if self._with_functions:
                 why = "it was loaded without functions; give load the functions of the ensemble, such as rhs"
-            raise ValueError(f"this ensemble cannot go on: {why}.")
+            raise ValueError(f"this ensemble cannot be resumed: {why}.")
         return self._resume(threads=threads, executor=executor, progress=progress, cancel=cancel)
 
     @with_solution
