@@ -109,8 +109,7 @@ def ensemble(
         ``reduce(part)`` gets the `EnsembleSolution` of a part, whose `first` is the number of its first member, and
         returns what you need of it, where the part ran. With an executor, it and what it returns must be picklable.
     save_to : str or path
-        A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it. Or the
-        directory of the same ensemble, which was interrupted or killed: its finished parts do not run again.
+        An empty directory to which finished parts are written; or one with parts of this ensemble: they do not run again.
     z0 : array_like, shape (k,) or (m, k); or dict of str to array_like, shape () or (m,)
         First-order unknowns at the first time.
     first_order, labels
