@@ -109,7 +109,7 @@ def ensemble(
         ``reduce(part)`` gets the `EnsembleSolution` of a part, whose `first` is the number of its first member, and
         returns what you need of it, where the part ran. With an executor, it and what it returns must be picklable.
     save_to : str or path
-        An empty directory to which finished parts are written; or one with parts of this ensemble: they do not run again.
+        A new or empty directory for the finished parts, or one with parts of this ensemble, which do not run again.
     z0 : array_like, shape (k,) or (m, k); or dict of str to array_like, shape () or (m,)
         First-order unknowns at the first time.
     first_order, labels
