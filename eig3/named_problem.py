@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import sys
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -12,6 +13,7 @@ from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Any
 
+from .kernels.compile.numba_internals import Jitted
 from .problem import Problem
 
 OWN = "your own as MODULE:NAME or FILE.py:NAME"
@@ -40,6 +42,8 @@ def find(name: str, command: str) -> Any:
         return _own(name, command)
     from . import problems
 
+    if name.endswith(".py"):
+        raise SystemExit(f"{command}: {name} is a file: name the problem in it too, as {name}:NAME.")
     if name not in problems.__all__:
         near = get_close_matches(name, problems.__all__)
         known = " or ".join(near) if near else ", ".join(problems.__all__)
@@ -61,11 +65,36 @@ def builder(name: str, command: str) -> Callable[..., Problem]:
 
         of_numbers = [Parameter(x, Parameter.KEYWORD_ONLY, annotation=float) for x in names]
         return _with_end(make, found.name, of_numbers)
-    if not callable(found):
-        kind = type(found).__name__
-        raise refused(name, command, f"it must be an eig3.Problem or a function that returns one, not {kind}")
-    own = signature(found).parameters
-    return found if "t_end" in own else _with_end(found, found.__name__, [*own.values()])
+    if not is_own(name):
+        return found if "t_end" in signature(found).parameters else _with_end(found, name, _parameters(found))
+    if not callable(found) or isinstance(found, Jitted):
+        what = "a jitted function" if isinstance(found, Jitted) else type(found).__name__
+        hint = ": take what its method problem returns" if hasattr(found, "problem") else ""
+        raise refused(name, command, f"it must be an eig3.Problem or a function that returns one, not {what}{hint}")
+
+    def own(**given: Any) -> Any:
+        try:
+            return found(**given)
+        except (TypeError, ValueError):  # of values that a problem does not take; each command reports them
+            raise
+        except Exception as error:
+            raise refused(name, command, _in_words_with_line(error)) from None
+
+    return _with_end(own, found.__name__, _parameters(found))
+
+
+def _parameters(function: Callable[..., Any]) -> list[Parameter]:
+    """Return the parameters of a function. A default that is a number makes an unannotated parameter a number."""
+    try:
+        found = signature(function, eval_str=True).parameters.values()
+    except NameError:  # an annotation that is not defined while the module runs
+        found = signature(function).parameters.values()
+
+    def kind(parameter: Parameter) -> Any:
+        is_number = isinstance(parameter.default, int | float) and not isinstance(parameter.default, bool)
+        return float if is_number and parameter.annotation is Parameter.empty else parameter.annotation
+
+    return [parameter.replace(annotation=kind(parameter)) for parameter in found]
 
 
 def _kinds(problem: Problem) -> dict[str, Any]:
@@ -75,17 +104,20 @@ def _kinds(problem: Problem) -> dict[str, Any]:
 
 
 def _with_end(make: Callable[..., Any], name: str, parameters: list[Parameter]) -> Callable[..., Problem]:
-    """Return a function that builds a problem and changes its end to `t_end`."""
+    """Return a function that builds a problem and changes its end to `t_end`, if it has no such parameter itself."""
+    has_end = any(parameter.name == "t_end" for parameter in parameters)
 
     def build(*, t_end: float | None = None, **given: Any) -> Problem:
+        if has_end and t_end is not None:
+            given["t_end"] = t_end
         problem = make(**given)
         if not isinstance(problem, Problem):
             raise TypeError(f"{name} must return an eig3.Problem, not {type(problem).__name__}.")
-        return problem if t_end is None else problem.with_(t_span=(problem.t_span[0], t_end))
+        return problem if t_end is None or has_end else problem.with_(t_span=(problem.t_span[0], t_end))
 
     build.__name__ = name
-    end = Parameter("t_end", Parameter.KEYWORD_ONLY, default=None)
-    build.__signature__ = Signature([*parameters, end])  # type: ignore[attr-defined]
+    end = [] if has_end else [Parameter("t_end", Parameter.KEYWORD_ONLY, default=None)]
+    build.__signature__ = Signature([*parameters, *end])  # type: ignore[attr-defined]
     build.__annotations__ = {x.name: x.annotation for x in parameters}
     return build
 
@@ -100,25 +132,39 @@ def in_words(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"
 
 
+def _in_words_with_line(error: BaseException) -> str:
+    """Return the kind and the message of an error, and the line that raised it."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{in_words(error).rstrip('.')} ({Path(last.filename).name}, line {last.lineno})"
+
+
 def _own(name: str, command: str) -> Any:
     module, _, attribute = name.rpartition(":")
     with _current_folder():
         try:
             loaded = _of_file(Path(module)) if module.endswith(".py") else importlib.import_module(module)
         except FileNotFoundError:
-            raise refused(name, command, f"there is no file {module}") from None
+            raise refused(name, command, f"there is no file {module}{_near_files(module)}") from None
         except Exception as error:
             is_missing = isinstance(error, ModuleNotFoundError)
             if is_missing and error.name and module.startswith(error.name):  # type: ignore[attr-defined]
-                why = f"there is no module {module} here or among the installed ones"
+                why = f"there is no module {module} here or among the installed ones{_near_files(module)}"
             else:
-                why = f"the module {module} cannot be imported ({error if is_missing else in_words(error)})"
+                why = f"the module {module} cannot be imported ({error if is_missing else _in_words_with_line(error)})"
             raise refused(name, command, why) from None
     if not hasattr(loaded, attribute):
         near = get_close_matches(attribute, vars(loaded))
         hint = f", but {' or '.join(near)}" if near else ""
         raise refused(name, command, f"the module {module} has no {attribute or 'empty name'}{hint}")
     return getattr(loaded, attribute)
+
+
+def _near_files(module: str) -> str:
+    """Return the end of a sentence with similar names of files in the same folder, and perhaps nothing."""
+    folder, suffix = Path(module).parent, ".py" if module.endswith(".py") else ""
+    known = {str(folder / f"{each.stem}{suffix}") for each in folder.glob("*.py")}
+    near = get_close_matches(module, known)
+    return f", but {' or '.join(near)}" if near else ""
 
 
 def _of_file(path: Path) -> Any:

@@ -309,19 +309,27 @@ class Problem:
         """
         found = storage.load(path)
         if isinstance(found, EnsembleSolution):
+            if found._with_functions:
+                options = self._own_functions(found, options)
             return found.with_functions(self.rhs, outputs=outputs, jacobian=jacobian, **options)
         n = 1 if found.u.ndim == 1 else found.u.shape[1]
         if (n, tuple(found.z)) != (np.size(self.u0), tuple(self.z0)):
             raise ValueError(f"{path} has a run with {n} degrees of freedom, which is not one of {self.name}.")
-        if self.energy is not None and "energy" in found.drift:
-            options.setdefault("invariants", {"energy": self.energy})
+        options = self._own_functions(found, options)
         options["invariants"] = self._balanced(options.get("invariants"))
-        if found.events:
-            options.setdefault("events", self.events)
         options |= {"labels": self.labels, "first_order": self.unknowns}
         solution = with_functions(found, self.rhs, outputs=outputs, jacobian=jacobian, **options)
         solution.labels = self.labels
         return solution
+
+    def _own_functions(self, found: Solution | EnsembleSolution, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the functions `given` to a loaded run, or the energy and the events of this problem if it has them."""
+        own: dict[str, Any] = {}
+        if self.energy is not None and "energy" in found.drift:
+            own["invariants"] = {"energy": self.energy}
+        if found.events:
+            own["events"] = self.events
+        return own | dict(given)
 
     @with_suggestions(ensemble, fields=_FIELDS)
     def ensemble(

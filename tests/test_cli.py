@@ -368,8 +368,19 @@ def rhs(t, u, v, p):
 
 fixed = eig3.Problem("pendulum", rhs, 1.0, 0.0, {"k": 4.0, "c": 0.1}, (0.0, 2.0))
 
-def heavy(stiffness: float = 4.0):
+def heavy(stiffness: "float" = 4.0):
     return fixed.with_(params={"k": stiffness, "c": 0.0})
+
+def plain(stiffness=4, t_end=2.0):
+    return heavy(stiffness).with_(t_span=(0.0, t_end))
+
+def broken():
+    raise RuntimeError("the table is missing.")
+
+class scene:
+    problem = heavy
+
+scene = scene()
 
 number = 3
 
@@ -378,7 +389,7 @@ def nothing():
 """
 
 
-@pytest.mark.parametrize("name", ["mine.py:fixed", "mine:fixed", "mine:heavy"])
+@pytest.mark.parametrize("name", ["mine.py:fixed", "mine:fixed", "mine:heavy", "mine.py:plain"])
 def test_own_problems_run_in_all_commands(name, tmp_path, monkeypatch, capsys):
     (tmp_path / "mine.py").write_text(OWN_PROBLEMS)
     monkeypatch.chdir(tmp_path)
@@ -398,8 +409,14 @@ def test_own_problems_run_in_all_commands(name, tmp_path, monkeypatch, capsys):
         ("mine.py:fixd", "eig3 run mine.py:fixd: the module mine.py has no fixd, but fixed."),
         ("mine:number", "eig3 run mine:number: it must be an eig3.Problem or a function that returns one, not int."),
         ("mine:nothing", "eig3 run: nothing must return an eig3.Problem, not int."),
+        ("mine:rhs", "it must be an eig3.Problem or a function that returns one, not a jitted function."),
+        ("mine:scene", "a function that returns one, not scene: take what its method problem returns."),
+        ("mine:broken", "eig3 run mine:broken: RuntimeError: the table is missing (mine.py, line 17)."),
+        ("mine.py", "eig3 run: mine.py is a file: name the problem in it too, as mine.py:NAME."),
         ("yours.py:fixed", "eig3 run yours.py:fixed: there is no file yours.py."),
+        ("mime.py:fixed", "eig3 run mime.py:fixed: there is no file mime.py, but mine.py."),
         ("yours:fixed", "eig3 run yours:fixed: there is no module yours here or among the installed ones."),
+        ("mime:fixed", "there is no module mime here or among the installed ones, but mine."),
         ("keplr", "eig3 run: there is no problem keplr: take kepler, or your own as MODULE:NAME or FILE.py:NAME."),
     ],
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -30,12 +29,13 @@ from ..stepping.threads import cores, starts_threads
 from .accuracy import check_members_method, reach_members
 from .checked import check_members_repeatable, errors_of_members
 from .files import Directory
-from .in_process import Run, at_start
+from .in_parts import run_in_parts
+from .in_process import Run
 from .member_tables import is_table
 from .members import Members, check_members
 from .named_members import OfMembers, split, with_lengths
-from .parts import Joined, Listed, Recipe, Results, parts_of
-from .shipping import check_executor, check_reduce, march_parts
+from .recipe import recipe_of
+from .shipping import check_executor, check_reduce
 from .solution import EnsembleSolution, Reduce
 
 _REFUSED = {
@@ -111,7 +111,7 @@ def ensemble(
         ``reduce(part)`` gets the `EnsembleSolution` of a part, whose `first` is the number of its first member, and
         returns what you need of it, where the part ran. With an executor, it and what it returns must be picklable.
     save_to : str or path
-        A new or empty directory, to which each part is written when it has finished; `eig3.load` reads it.
+        A new or empty directory for the finished parts, or one with parts of this ensemble, which do not run again.
     z0 : array_like, shape (k,) or (m, k); or dict of str to array_like, shape () or (m,)
         First-order unknowns at the first time.
     first_order, labels
@@ -201,8 +201,8 @@ def ensemble(
         return reach_members(goal, rhs, options, checked) if goal else checked(options)
     if executor is None and reduce is None and save_to is None:
         return Run(rhs, members, options, own).march(progress, cancel)
-    place = None if save_to is None else Directory(save_to)
-    return _in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)
+    place = None if save_to is None else Directory(save_to, recipe_of(rhs, members, options))
+    return run_in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)
 
 
 def of_members(rhs: Any, members: Members, options: RunOptions) -> RunOptions:
@@ -226,27 +226,3 @@ def _refuse(options: dict[str, Any]) -> None:
         if name not in _REFUSED:
             raise TypeError(f"ensemble() got an unexpected keyword argument {name!r}.")
         raise TypeError(f"{name} is for single runs: {_REFUSED[name]}.")
-
-
-def _in_parts(
-    rhs: Any,
-    members: Members,
-    options: RunOptions,
-    reduce: Reduce | None,
-    place: Directory | None,
-    executor: Executor | None,
-    threads: tuple[int, int],
-    progress: bool,
-    cancel: Cancel | None,
-) -> Any:
-    """Run an ensemble in parts; `threads` are the numbers of threads of a part in this process, and on a worker."""
-    parts = parts_of(members, options)
-    results: Results = Listed(len(parts))
-    if reduce is None:
-        results = Joined(at_start(rhs, members, options), place)
-    recipe = Recipe(partial(_march, rhs, options), reduce)
-    return march_parts(parts, recipe, results, executor, threads, progress, cancel)
-
-
-def _march(rhs: Any, options: RunOptions, members: Members, threads: int, cancel: Cancel | None) -> EnsembleSolution:
-    return Run(rhs, members, options, threads, is_part=True).march(cancel=cancel)

@@ -11,11 +11,16 @@ from typing import Any
 import numpy as np
 
 from ..result import storage
+from ..result.mapped import check_directory
 from ..result.soundness import check_ensemble
+from ..result.status import Status
 from .occurrences import MemberOccurrences
+from .recipe import differing
 
 _KIND = "ensemble"
-_WHOLE, _PARTS = "ensemble.npz", "part-*.npz"  # the files of a directory: all members at their start, and the parts
+#: The file of a directory with all members at their start.
+WHOLE = "ensemble.npz"
+_RECIPE, _PARTS = "recipe.npz", "part-*.npz"  # what determines the result, and the finished parts
 
 
 def save(solution: Any, path: str | PathLike[str]) -> Path:
@@ -26,35 +31,65 @@ def save(solution: Any, path: str | PathLike[str]) -> Path:
 class Directory:
     """A directory to which the parts of an ensemble are written as they finish.
 
+    Each file appears in it as a whole, when all of it is on the disk: a process may be killed at any time.
+
     Parameters
     ----------
     path : str or path
-        A new or empty directory.
+        A new or empty directory, or a directory with parts of the same ensemble.
+    recipe : mapping
+        What determines the result, as `recipe_of` returns it.
 
     Raises
     ------
     FileExistsError
-        If it is not empty.
+        If it has other files, or another ensemble.
     """
 
-    def __init__(self, path: Any) -> None:
-        self._path = storage.Place.of(path).directory
-        self._path.mkdir(parents=True, exist_ok=True)
+    def __init__(self, path: Any, recipe: Mapping[str, Any]) -> None:
+        self.path, self._recipe = storage.path_of(path), dict(recipe)
+        held = recipe_in(self.path)
+        if held is None:
+            check_directory(self.path, besides=storage.torn(self.path))
+        elif names := differing(recipe["marks"], held["marks"]):
+            raise FileExistsError(
+                f"save_to must name a new or an empty directory, or one with this ensemble, but {path} holds an "
+                f"ensemble with another {' and another '.join(names)}: name another directory, or remove this one."
+            )
 
     def begin(self, start: Any) -> None:
-        """Write the ensemble at its start."""
-        save(start, self._path / _WHOLE)
+        """Write the recipe, and the ensemble at its start, if they are not in the directory."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        for path in storage.torn(self.path):
+            path.unlink()
+        if not (self.path / _RECIPE).is_file():
+            storage.write("recipe", self._recipe, self.path / _RECIPE)
+        if not (self.path / WHOLE).is_file():
+            save(start, self.path / WHOLE)
 
     def put(self, part: Any) -> None:
         """Write a part."""
-        save(part, self._path / _PARTS.replace("*", f"{part.first:012d}"))
+        save(part, self._file(part.first))
+
+    def finished(self, first: int, count: int) -> Any:
+        """Return the part with these members, or None if it is not there, is damaged or was interrupted."""
+        path = self._file(first)
+        if not path.is_file():
+            return None
+        try:
+            part = storage.load(path)
+        except ValueError:  # it is damaged, and runs again
+            return None
+        return part if len(part) == count and not (part.status == Status.INTERRUPTED).any() else None
+
+    def _file(self, first: int) -> Path:
+        return self.path / _PARTS.replace("*", f"{first:012d}")
 
 
 def register(kind: type) -> None:
     """Register the class of the results for files of ensembles."""
     storage.PARTS[MemberOccurrences.__name__] = MemberOccurrences
     storage.KINDS[_KIND] = partial(_loaded, kind)
-    storage.DIRECTORIES[_WHOLE] = _loaded_directory
 
 
 def _loaded(kind: type, fields: Mapping[str, Any]) -> Any:
@@ -66,9 +101,14 @@ def _loaded(kind: type, fields: Mapping[str, Any]) -> Any:
     return kind(**fields)
 
 
-def _loaded_directory(path: Path) -> Any:
+def whole_in(path: Path) -> Any:
     """Return an ensemble with the parts from a directory. The other members are at their start."""
-    whole = storage.load(path / _WHOLE)
+    whole = storage.load(path / WHOLE)
     for part in sorted(path.glob(_PARTS)):
         whole._place(storage.load(part))
     return whole
+
+
+def recipe_in(path: Path) -> Any:
+    """Return the recipe of the ensemble in a directory, or None."""
+    return storage.fields_in(path / _RECIPE) if (path / _RECIPE).is_file() else None

@@ -134,9 +134,22 @@ class Joined:
     def __init__(self, blank: EnsembleSolution, place: Directory | None = None) -> None:
         self.solution, self.place = blank, place
         self._notes = dict[str, None]()  # a dict keeps the order, and each note once
+        self._n_taken = 0
         blank.message[:] = _NOT_BACK
         if place:
             place.begin(blank)
+
+    def left(self, parts: list[Part]) -> list[Part]:
+        """Take the parts that an earlier run has written to the directory, and return the others."""
+        return [part for part in parts if not self._take(part)]
+
+    def _take(self, part: Part) -> bool:
+        solution = self.place.finished(part.first, len(part)) if self.place else None
+        if solution is None:
+            return False
+        self._n_taken += len(part)
+        self._join(solution)
+        return True
 
     def put(self, part: Part, value: EnsembleSolution) -> None:
         self._put(value)
@@ -149,10 +162,14 @@ class Joined:
     def _put(self, solution: EnsembleSolution) -> None:
         if self.place:
             self.place.put(solution)
+        self._join(solution)
+
+    def _join(self, solution: EnsembleSolution) -> None:
         self.solution._place(solution)
         self.solution.kernel_seconds += solution.kernel_seconds
         self._notes |= dict.fromkeys(solution.notes)
 
     def whole(self, note: str) -> EnsembleSolution:
-        self.solution.notes = *self._notes, *([note] if note else [])
+        taken = f"An earlier run had finished {self._n_taken} of {len(self.solution)} members." if self._n_taken else ""
+        self.solution.notes = *self._notes, *filter(None, (taken, note))
         return self.solution

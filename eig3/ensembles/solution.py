@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import partial
 from os import PathLike
@@ -34,7 +35,7 @@ from . import files
 from .occurrences import MemberOccurrences
 
 #: The fields that a copy, a pickle and a file do not keep.
-_TRANSIENT = "_rhs", "_repeat", "_again", "error"
+_TRANSIENT = "_rhs", "_repeat", "_again", "_resume", "_with_functions", "error"
 
 #: Runs one member alone, by its number.
 Repeat = Callable[[int], Solution]
@@ -126,6 +127,8 @@ class EnsembleSolution:
     _rhs: Any = None  # the jitted function
     _repeat: Repeat | None = None
     _again: Callable[..., EnsembleSolution] | None = None  # runs all members to another end
+    _resume: Callable[..., EnsembleSolution] | None = None  # runs the members that are not in the directory
+    _with_functions: Callable[..., EnsembleSolution] | None = None  # the same, with the functions of the ensemble
 
     @property
     def success(self) -> np.ndarray:
@@ -301,6 +304,44 @@ class EnsembleSolution:
             )
         return self._again(t_end, t_eval, progress, cancel)
 
+    def resume(
+        self,
+        *,
+        threads: int | None = None,
+        executor: Executor | None = None,
+        progress: bool = False,
+        cancel: Cancel | None = None,
+    ) -> EnsembleSolution:
+        """Run the members that are not finished in the directory of `save_to`, and return the ensemble.
+
+        The result is bitwise the same as without an interruption. Finished parts are read and do not run again. A part
+        that was interrupted runs again from its start.
+
+        Parameters
+        ----------
+        threads, executor, progress, cancel
+            As for `eig3.ensemble`.
+
+        Returns
+        -------
+        EnsembleSolution
+            Another object: this one does not change.
+
+        Raises
+        ------
+        ValueError
+            If this ensemble has no directory; if it was loaded without functions; or if the code of a function, or the
+            numbers that it reads from outside, differ from the ensemble in the directory.
+        TypeError, MemoryError, OSError, KeyboardInterrupt
+            As for `eig3.ensemble`.
+        """
+        if self._resume is None:
+            why = "it was not written by save_to, or is a copy; run eig3.ensemble(..., save_to=DIR)"
+            if self._with_functions:
+                why = "it was loaded without functions; give load the functions of the ensemble, such as rhs"
+            raise ValueError(f"this ensemble cannot be resumed: {why}.")
+        return self._resume(threads=threads, executor=executor, progress=progress, cancel=cancel)
+
     @with_solution
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the ensemble to a file of NumPy arrays, which `eig3.load` reads.
@@ -327,13 +368,18 @@ class EnsembleSolution:
     def with_functions(
         self, rhs: Any, events: Any = None, invariants: Any = None, outputs: Any = None, jacobian: Any = None
     ) -> EnsembleSolution:
-        """Give a loaded ensemble its right-hand side, and return it; the other functions are refused."""
+        """Give a loaded ensemble its functions, and return it; in a file, it takes only the right-hand side."""
         given = {"events": events, "invariants": invariants, "outputs": outputs, "jacobian": jacobian}
         for name, value in given.items():
-            if value is not None:
+            if value is not None and self._with_functions is None:
                 raise ValueError(f"{name} is for single runs: a loaded ensemble cannot be continued.")
-        unknowns, _ = check_z0(rhs, {name: x[0, 0] for name, x in self.z.items()} or None)
-        self._rhs = unknowns.bind_rhs(rhs)
+            if value is not None and rhs is None:
+                raise ValueError(f"{name} needs rhs too: the right-hand side of the ensemble.")
+        if self._with_functions and rhs is not None:
+            self._resume = partial(self._with_functions, self.params, rhs, given)
+        if rhs is not None:
+            unknowns, _ = check_z0(rhs, {name: x[0, 0] for name, x in self.z.items()} or None)
+            self._rhs = unknowns.bind_rhs(rhs)
         return self
 
     def _separate(self, unknowns: FirstOrder) -> None:

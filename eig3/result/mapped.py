@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
@@ -17,9 +17,9 @@ _MOST_BYTES = 2**26  # the largest space reserved at a time in a growing file
 _NO_FALLOCATE = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)  # errors of a file system that cannot reserve space
 
 
-def check_directory(path: Path) -> None:
-    """Raise a FileExistsError if the files of a run could overwrite something."""
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+def check_directory(path: Path, besides: Collection[Path] = ()) -> None:
+    """Raise a FileExistsError if the files of a run could overwrite something, other than the files `besides`."""
+    if path.exists() and (not path.is_dir() or any(each not in besides for each in path.iterdir())):
         raise _taken(path, "holds files" if path.is_dir() else "is a file")
 
 

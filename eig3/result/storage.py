@@ -67,9 +67,7 @@ class Place:
     @classmethod
     def of(cls, save_to: Any, labels: Labels | None = None, first_order: FirstOrder = NONE) -> Place:
         """Return the place that `save_to` names, which must be a new or an empty directory."""
-        if not isinstance(save_to, str | PathLike):
-            raise TypeError(f"save_to must be the path of a directory, not {shown(save_to)}.")
-        directory = Path(save_to)
+        directory = path_of(save_to)
         check_directory(directory)
         return cls(directory, labels, first_order)
 
@@ -97,6 +95,13 @@ class Place:
         rest = {"outputs": list(solution.outputs), "first_order": self.first_order, "has_ended": has_ended}
         rest |= {"rows": rows, "checksums": files.checksums(rows)}
         write(RUN, fields, self.directory / _RUN, is_lasting=has_ended, **rest)
+
+
+def path_of(save_to: Any) -> Path:
+    """Return the path that `save_to` names."""
+    if not isinstance(save_to, str | PathLike):
+        raise TypeError(f"save_to must be the path of a directory, not {shown(save_to)}.")
+    return Path(save_to)
 
 
 def write(kind: str, fields: dict[str, Any], target: Path, *, is_lasting: bool = True, **rest: Any) -> Path:
@@ -134,6 +139,11 @@ def _rename(source: Path, target: Path) -> None:
     source.replace(target)
 
 
+def torn(directory: Path) -> list[Path]:
+    """Return the files in a directory that a killed process has not written to their ends."""
+    return list(directory.glob(f".{'[0-9a-f]' * 32}.part"))
+
+
 def load(path: str | PathLike[str]) -> Any:
     """Read a file of `save`, or a directory of `save_to`, as `eig3.load` describes."""
     target = Path(path)
@@ -146,12 +156,20 @@ def load(path: str | PathLike[str]) -> Any:
     return _read(target, _of_kind)
 
 
+def fields_in(target: Path) -> dict[str, Any]:
+    """Return the fields in a file, without an object of them."""
+    return _read(target, _fields_of)
+
+
+def _fields_of(record: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    return {name: _value(plain, arrays) for name, plain in record["solution"].items()}
+
+
 def _of_kind(
     record: Mapping[str, Any], arrays: Mapping[str, np.ndarray], given: Mapping[str, Any] | None = None
 ) -> Any:
     """Return the object with the fields of a record, and the fields `given`."""
-    fields = {name: _value(plain, arrays) for name, plain in record["solution"].items()}
-    return KINDS[record["kind"]](fields | dict(given or {}))
+    return KINDS[record["kind"]](_fields_of(record, arrays) | dict(given or {}))
 
 
 def _load_directory(directory: Path) -> Any:

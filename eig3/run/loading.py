@@ -58,7 +58,8 @@ def load(
         the run was killed, or is still running, the status is INTERRUPTED, and the solution ends at the last record:
         some tenths of a second of computing earlier, or more for a large system, because records take at most a
         twentieth of the time. An ensemble needs rhs for `at` of its members. From a directory, it has the members of
-        the finished parts; the status of the others is INTERRUPTED.
+        the finished parts; the status of the others is INTERRUPTED, and with the functions of the ensemble, `resume`
+        runs them.
 
     Raises
     ------

@@ -157,12 +157,10 @@ def write_ductility(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[s
 
 def write_events(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], k: int) -> None:
     """Write the values of the events of a kind of links to `out`."""
-    out.line(
-        "place = n",
-        *(f"place += {kind.size} * p.link_{q}_first.size" for q, kind in enumerate(kinds[:k]) if kind.has_state),
-    )
-    for s, i, j in text.links(out, k):
-        _write_one(k, kinds[k], text, out, names, s, (i, j))
+    before = (f" + {kind.size} * p.link_{q}_first.size" * kind.has_state for q, kind in enumerate(kinds[:k]))
+    out.line(f"place = n{''.join(before)}")
+    for s, ends in text.links(out, k, kinds[k].directions):
+        _write_one(k, kinds[k], text, out, names, s, ends)
         out.line(f"out[at] = {_call(k, kinds[k], 'event', s)}", "at += 1")
 
 

@@ -26,24 +26,28 @@ _NAMED = type, FunctionType, BuiltinFunctionType, type(np.dot)
 _ROOTS = "numpy", "numba", "math", "cmath", "builtins", "operator"  # modules of fixed content: their versions tell it
 
 
-def content(function: Any) -> str:
-    """Return a digest of what a jitted function consists of; empty if it uses something whose content is unknown."""
+def content(function: Any, *, is_named: bool = True) -> str:
+    """Return a digest of what a jitted function consists of; empty if it uses something whose content is unknown.
+
+    With `is_named`, which the symbols of machine code need, the names of the function and of its module belong to it.
+    """
     digest, numbers = hashlib.sha256(), dict[Any, int]()
     for each, _ in helpers_first(function):
         numbers[each] = len(numbers)
-        part = _own_content(each, numbers)
+        part = _own_content(each, numbers, is_named)
         if not part:
             return ""
         digest.update(f"{part}\n\n".encode())
     return digest.hexdigest()[:32]
 
 
-def _own_content(function: Any, numbers: Mapping[Any, int]) -> str:
+def _own_content(function: Any, numbers: Mapping[Any, int], is_named: bool) -> str:
     """Return the content of a function, with the numbers of those that it calls; empty if it is unknown."""
     plain = function.py_func
     if plain.__module__ not in sys.modules or not is_plain(plain.__defaults__ or ()):
         return ""
-    parts = [f"{plain.__module__}.{plain.__qualname__}{captured_text(plain.__defaults__ or ())}"]
+    name = f"{plain.__module__}.{plain.__qualname__}" if is_named else ""
+    parts = [f"{name}{captured_text(plain.__defaults__ or ())}"]
     parts += [*_code(plain.__code__), _canonical(options_of(function))]
     for name, read in places(plain):
         value = read()

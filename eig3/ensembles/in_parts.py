@@ -1,0 +1,102 @@
+"""An ensemble that runs in parts, and continues from the parts that are in its directory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..functions.checks import check_cancel, check_count
+from ..kernels.compile.interrupt import with_solution
+from ..result import storage
+from ..run.progress import check_progress
+from ..stepping.march import Cancel
+from ..stepping.run_options import RunOptions
+from ..stepping.threads import cores
+from .files import WHOLE, Directory, recipe_in, whole_in
+from .in_process import Run, at_start
+from .members import Members
+from .parts import Joined, Listed, Recipe, Results, parts_of
+from .recipe import differing, marks, restored
+from .shipping import check_executor, march_parts
+from .solution import EnsembleSolution, Reduce
+
+
+def run_in_parts(
+    rhs: Any,
+    members: Members,
+    options: RunOptions,
+    reduce: Reduce | None,
+    place: Directory | None,
+    executor: Executor | None,
+    threads: tuple[int, int],
+    progress: bool,
+    cancel: Cancel | None,
+) -> Any:
+    """Run an ensemble in parts; `threads` are the numbers of threads of a part in this process, and on a worker.
+
+    The parts in the directory do not run again.
+    """
+    parts = left = parts_of(members, options)
+    results: Results = Listed(len(parts))
+    if reduce is None:
+        start = at_start(rhs, members, options)
+        start._resume = partial(_resumed, rhs, members, options, place) if place else None
+        results = joined = Joined(start, place)
+        left = joined.left(parts)
+    recipe = Recipe(partial(_march, rhs, options), reduce)
+    return march_parts(left, recipe, results, executor, threads, progress, cancel)
+
+
+def _march(rhs: Any, options: RunOptions, members: Members, threads: int, cancel: Cancel | None) -> EnsembleSolution:
+    return Run(rhs, members, options, threads, is_part=True).march(cancel=cancel)
+
+
+@with_solution
+def _resumed(
+    rhs: Any,
+    members: Members,
+    options: RunOptions,
+    place: Directory,
+    threads: int | None,
+    executor: Executor | None,
+    progress: bool,
+    cancel: Cancel | None,
+) -> EnsembleSolution:
+    """Run the unfinished parts, as `EnsembleSolution.resume` describes."""
+    check_progress(progress)
+    check_executor(executor)
+    if cancel is not None:
+        check_cancel(cancel)
+    own = cores() if threads is None else check_count(threads, "threads")
+    of_parts = own, threads or 1
+    return run_in_parts(rhs, members, options, None, place, executor, of_parts, progress, cancel)
+
+
+def _loaded(path: Path) -> EnsembleSolution:
+    """Return the ensemble in a directory, which can continue with its functions."""
+    solution = whole_in(path)
+    if recipe_in(path):
+        solution._with_functions = partial(_of_functions, path)
+    return solution
+
+
+def _of_functions(
+    path: Path, params: np.ndarray, rhs: Any, given: Mapping[str, Any], **options: Any
+) -> EnsembleSolution:
+    """Run the unfinished parts of the ensemble in a directory, with its functions."""
+    recipe = recipe_in(path)
+    run = restored(recipe, params, rhs, given)
+    if names := differing(marks(*run), recipe["marks"]):
+        raise ValueError(
+            f"{path} holds an ensemble with another {' and another '.join(names)}: load it with the functions of the "
+            "ensemble."
+        )
+    return _resumed(*run, Directory(path, recipe), **options)
+
+
+storage.DIRECTORIES[WHOLE] = _loaded
