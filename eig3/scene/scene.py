@@ -18,7 +18,7 @@ from .cell import Cell
 from .description import Axes, Description, Points, spread
 from .encounters import Encounters
 from .mesh import check_cells, is_fixed, lumped, oriented
-from .picture import mechanism
+from .picture import geometry_and_view
 
 __all__ = ["Scene"]
 
@@ -230,6 +230,7 @@ class Scene(Description):
             from .constraint_system import fitting  # it needs SciPy
 
             v0 = fitting(assembly.constraints, u0, v0, float(t_span[0]))
+        geometry, view = geometry_and_view(cloud, numbered(cloud, self._placed)[0], self._pair_forces)
         return Problem(
             name=name,
             u0=u0,
@@ -242,6 +243,7 @@ class Scene(Description):
             z0=first_order(assembly),
             encounters=Encounters.of(assembly),
             masses=assembly.inertias,
-            view=mechanism(cloud, numbered(cloud, self._placed)[0], self._pair_forces),
+            view=view,
+            geometry=geometry,
             **code,
         )
