@@ -105,10 +105,8 @@ class Problem:
         ``exact(t) -> (u, v)`` for an array of times; None, or another false value, if it is not known.
     continuum : callable, optional
         ``continuum(t) -> (u, v)`` of the continuous body that a lumped problem approximates, at the masses.
-    source : str
-        The source of the problem in the literature.
-    note : str
-        For the problem of a scene: a list of the content of the scene.
+    source, note : str
+        The source of the problem in the literature; for the problem of a scene, a list of the content of the scene.
     h : float, optional
         A suggested step for a first run, which resolves the motion.
     draw : callable, optional
@@ -126,13 +124,12 @@ class Problem:
     outputs : dict
         Available outputs, such as the reactions of constraints: pass all or some of these to `integrate` as `outputs`.
     encounters : callable, optional
-        For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and the damping rates of
-        possible collisions in the motion from a state, or None if they are unknown. Scenes with contacts or pair
-        potentials have it.
+        For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and damping rates of possible
+        collisions from a state, or None if unknown. Scenes with contacts or pair potentials have it.
     masses : array_like, shape (n,), optional
         The mass of each degree of freedom, for `Langevin`; infinite for a degree of freedom without noise.
     geometry : Geometry, optional
-        The points, links, cells and bodies in space, for `export`. Scenes and frames have it.
+        The points, links, cells and bodies, for `export`. Scenes and frames have it.
     """
 
     name: str

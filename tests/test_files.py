@@ -361,3 +361,206 @@ def test_the_command_line_writes_a_file(tmp_path, capsys):
     assert frames[-1].info["Time"] == 1.0
     with pytest.raises(SystemExit, match="duffing has no points in space"):
         main(["run", "duffing", "--out", str(path)])
+
+
+DATA = """a chain of four atoms and a fifth, in a box that does not begin at 0
+
+5 atoms
+3 bonds
+2 angles
+1 dihedrals
+2 atom types
+2 bond types
+1 angle types
+1 dihedral types
+
+-1.0 9.0 xlo xhi
+0.0 11.0 ylo yhi
+0.0 12.0 zlo zhi
+
+Masses
+
+1 12.0  # C
+2 1.5
+
+Bond Coeffs
+
+1 100.0 1.5
+2 50.0 1.1
+
+Atoms  # full
+
+3 1 1 -0.5 2.0 1.0 0.0 0 0 0
+1 1 2 0.25 8.5 0.0 0.0 -1 0 0
+2 1 1 0.0 1.0 0.0 0.0 0 0 0
+4 1 2 0.25 3.0 1.5 0.5 0 1 0
+5 2 2 0.0 5.0 5.0 5.0 0 0 0
+
+Velocities
+
+1 0.1 0.2 0.3
+2 0 0 0
+3 0 -1.5 0
+4 0 0 0
+5 1 0 0
+
+Bonds
+
+1 2 1 2
+2 1 2 3
+3 2 3 4
+
+Angles
+
+1 1 1 2 3
+2 1 2 3 4
+
+Dihedrals
+
+1 1 1 2 3 4
+"""
+
+
+def read_text(tmp_path, text, name="chain.data", **options):
+    (tmp_path / name).write_text(text)
+    return Scene.read(tmp_path / name, **options)
+
+
+def test_a_data_file_of_lammps_is_read_as_by_mdanalysis(tmp_path):
+    found = read_text(tmp_path, DATA)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        other = MDAnalysis.Universe(tmp_path / "chain.data", topology_format="DATA", format="DATA")
+    np.testing.assert_array_equal(found.types, other.atoms.types.astype(int))
+    np.testing.assert_allclose(found.charges, other.atoms.charges)
+    images = np.array([(-1, 0, 0), (0, 0, 0), (0, 0, 0), (0, 1, 0), (0, 0, 0)])
+    np.testing.assert_allclose(found.atoms.position, other.atoms.positions + images * [10.0, 11.0, 12.0])
+    for name, mine in (("bonds", found.bonds), ("angles", found.angles), ("dihedrals", found.dihedrals)):
+        theirs = getattr(other, name)
+        expected = {(kind, *row) for kind, row in zip(theirs._bondtypes, theirs.to_indices().tolist(), strict=True)}
+        rows = {
+            (str(kind), *row)
+            for kind, ends in mine.items()
+            for row in np.column_stack([end.numbers for end in ends]).tolist()
+        }
+        assert rows == expected
+    assert found.points[2].shape == (3,)
+    assert found.impropers == {}
+    assert found.coefficients == {"Bond Coeffs": {1: ("100.0", "1.5"), 2: ("50.0", "1.1")}}
+    for kind, (stiffness, length) in found.coefficients["Bond Coeffs"].items():  # LAMMPS has K (r - r0)^2
+        found.scene.add(LinearSpring(2 * float(stiffness), float(length)), *found.bonds[kind])
+    problem = found.scene.problem((0, 1))
+    v = np.array([(0.1, 0.2, 0.3), (0, 0, 0), (0, -1.5, 0), (0, 0, 0), (1, 0, 0)])  # MDAnalysis does not sort these
+    np.testing.assert_array_equal(found.atoms.velocities(problem.v0), v)
+    np.testing.assert_array_equal(problem.masses[:5], other.atoms.masses)
+    lengths = [2.5, np.sqrt(2.0), np.sqrt(1.5)]  # of the nearest images
+    energy = sum(k * (r - r0) ** 2 for k, r0, r in zip([50.0, 100.0, 50.0], [1.1, 1.5, 1.1], lengths, strict=True))
+    kinetic = (np.array([1.5, 12, 12, 1.5, 1.5]) * (v**2).sum(axis=1)).sum() / 2
+    assert problem.energy_of(problem.u0, problem.v0) == pytest.approx(energy + kinetic, rel=1e-12)
+
+
+def test_units_of_a_file_become_units_of_the_scene(tmp_path):
+    found = read_text(tmp_path, DATA, length=1e-10, mass=1.66e-27, time=1e-15, periodic=(True, False, True))
+    np.testing.assert_allclose(found.atoms.position[4], [5e-10] * 3)
+    found.scene.add(LinearSpring(1.0, 1e-10), *found.bonds[1])
+    problem = found.scene.problem((0, 1e-12))
+    np.testing.assert_allclose(found.atoms.velocities(problem.v0)[4], [1e5, 0, 0])
+    np.testing.assert_allclose(problem.masses[0], 1.5 * 1.66e-27)
+    np.testing.assert_allclose(problem.geometry.box, [1e-9, 0, 12e-10])
+
+
+def test_spheres_of_lammps_have_masses_and_radii(tmp_path):
+    text = "grains\n\n1 atoms\n1 atom types\n0 2 xlo xhi\n0 2 ylo yhi\n0 2 zlo zhi\n\nAtoms # sphere\n\n"
+    found = read_text(tmp_path, f"{text}1 1 0.5 2000.0 1.0 1.0 1.0\n", name="data.grains")
+    np.testing.assert_array_equal(found.radii, [0.25])
+    problem = found.scene.problem((0, 1))
+    np.testing.assert_allclose(problem.masses, 2000 * 4 / 3 * np.pi * 0.25**3)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("0.0 12.0 zlo zhi", "0.0 12.0 zlo zhi\n0.5 0 0 xy xz yz", "has a tilted box"),
+        ("Atoms  # full", "Atoms", "give style=, one of atomic, charge, bond"),
+        ("Atoms  # full", "Atoms  # dipole", "of the style dipole: give style="),
+        ("Atoms  # full", "Atoms  # atomic", "must have the columns id type x y z in Atoms"),
+        ("5 atoms", "6 atoms", "must have 6 atoms with different numbers, not 5"),
+        ("2 1.5\n", "", "has no mass of the type 2 in Masses"),
+        ("Dihedrals\n", "Ellipsoids\n", "has the section Ellipsoids, which is not supported"),
+        ("3 2 3 4\n\nAngles", "3 2 3 9\n\nAngles", "has the atom 9 in Bonds, but not in Atoms"),
+        ("2 atom types", "2 atom types\n1 ellipsoids", "has ellipsoids, which a scene does not support"),
+    ],
+)
+def test_what_a_scene_does_not_support_is_named(old, new, message, tmp_path):
+    assert old in DATA
+    with pytest.raises(ValueError, match=message):
+        read_text(tmp_path, DATA.replace(old, new, 1))
+
+
+def test_xyz_and_pdb_are_read_by_ase(tmp_path):
+    """Water: elements, masses, the box of the PDB file, and its bonds."""
+    pdb = "CRYST1   10.000   12.000   14.000  90.00  90.00  90.00 P 1\n"
+    for k, (name, x) in enumerate({"O": (1.0, 2.0, 3.0), "H1": (1.96, 2.0, 3.0), "H2": (0.76, 2.93, 3.0)}.items()):
+        place = "".join(f"{value:8.3f}" for value in x)
+        pdb += f"ATOM  {k + 7:5d} {name:^4s} HOH A   1    {place}  1.00  0.00          {name[0]:>2s}\n"
+    found = read_text(tmp_path, f"{pdb}CONECT    7    8    9\nCONECT    8    7\nCONECT    9    7\nEND\n", "water.pdb")
+    assert found.types.tolist() == ["O", "H", "H"]
+    np.testing.assert_allclose(found.atoms.position[2], [0.76, 2.93, 3.0])
+    assert np.column_stack([end.numbers for end in found.bonds[1]]).tolist() == [[0, 1], [0, 2]]
+    problem = found.scene.problem((0, 1))
+    np.testing.assert_allclose(problem.masses[:3], [15.999, 1.008, 1.008])
+    np.testing.assert_array_equal(problem.geometry.box, [10.0, 12.0, 14.0])
+    with pytest.raises(ValueError, match="several models"):
+        read_text(tmp_path, f"{pdb}ENDMDL\n{pdb}ENDMDL\n", "two.pdb")
+
+
+def test_an_export_is_read_again(mixed, atoms, tmp_path):
+    """The last state with its velocities, masses, box and fixed points becomes a scene."""
+    problem, solution, x, v = atoms
+    found = Scene.read(problem.export(solution, tmp_path / "run.extxyz", types="Ar"))
+    again = found.scene.problem((0, 1))
+    np.testing.assert_allclose(found.atoms.position, x[-1], rtol=TEXT)
+    np.testing.assert_allclose(found.atoms.velocities(again.v0), v[-1], rtol=TEXT)
+    np.testing.assert_allclose(again.masses, problem.masses, rtol=TEXT)
+    np.testing.assert_array_equal(again.geometry.box, [6.0, 7.0, 8.0])
+    problem, solution, shaken, *_ = mixed
+    found = Scene.read(problem.export(solution, tmp_path / "mixed.extxyz"))
+    fixed = found.atoms[found.scene.problem((0, 1)).geometry.fixed]
+    moved = shaken.positions(solution.u[-1], solution.t[-1])
+    assert (abs(fixed.position - moved) < 3 * TEXT).all(axis=1).any()
+
+
+def test_a_mesh_has_groups(tmp_path):
+    """Physical groups of Gmsh and sets of cells; a point without a cell is left out."""
+    x = np.array([(9, 9, 9), (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)], dtype=float)
+    cells = [("triangle", [[1, 2, 3]]), ("tetra", [[1, 2, 3, 4], [2, 3, 4, 5]])]
+    tags = {"gmsh:physical": [np.array([7]), np.array([3, 4])], "gmsh:geometrical": [np.array([1]), np.array([1, 1])]}
+    names = {"clamped": np.array([7, 2]), "soft": np.array([3, 3])}
+    mesh = meshio.Mesh(x, cells, cell_data=tags, field_data=names)
+    mesh.write(tmp_path / "part.msh", file_format="gmsh22")
+    found = Scene.read(tmp_path / "part.msh", length=1e-3)
+    np.testing.assert_allclose(found.positions, 1e-3 * x[1:])
+    assert found.groups["clamped"].tolist() == [0, 1, 2]
+    assert found.cell_groups["soft"].tolist() == [0]
+    assert found.cell_groups["4"].tolist() == [1]
+    law = NeoHookean(np.where(np.isin([0, 1], found.cell_groups["soft"]), 1e4, 1e6), 0.3)
+    solid = found.scene.add_mesh(found.positions, found.cells, law, density=1000.0, fixed=found.groups["clamped"])
+    assert found.scene.problem((0, 1)).u0.size == 6
+    assert solid.shape == (5,)
+
+
+def test_other_meshes_are_refused(tmp_path):
+    x = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0.5)], dtype=float)
+    meshio.Mesh(x, [("quad", [[0, 1, 2, 3]])]).write(tmp_path / "quads.vtu")
+    with pytest.raises(ValueError, match="must have tetrahedra or triangles of 4 or 3 points, but it has quad"):
+        Scene.read(tmp_path / "quads.vtu")
+    meshio.Mesh(x, [("triangle", [[0, 1, 2], [0, 2, 3]])]).write(tmp_path / "sheet.vtu")
+    assert Scene.read(tmp_path / "sheet.vtu").cells.tolist() == [[0, 1, 2], [0, 2, 3]]
+    with pytest.raises(ValueError, match="not in a plane of constant z"):
+        Scene.read(tmp_path / "sheet.vtu", dimension=2)
+    with pytest.raises(FileNotFoundError, match="there is no file"):
+        Scene.read(tmp_path / "none.msh")
+    with pytest.raises(ValueError, match="length, mass and time must be positive"):
+        Scene.read(tmp_path / "sheet.vtu", length=0.0)
+    with pytest.raises(ValueError, match="style is for data files of LAMMPS"):
+        Scene.read(tmp_path / "sheet.vtu", style="full")
