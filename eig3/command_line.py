@@ -57,9 +57,11 @@ def _reason(error: OSError) -> str:
     return error.strerror or str(error)
 
 
-def add_out(parser: argparse.ArgumentParser, text: str, *, required: bool = False) -> None:
-    """Add the option `--out DIR`, the folder for results; `text` is its help."""
-    parser.add_argument("--out", type=folder, metavar="DIR", required=required, help=text)
+def add_out(
+    parser: argparse.ArgumentParser, text: str, *, required: bool = False, type: Callable[[str], Path] = folder
+) -> None:
+    """Add the option `--out DIR`, the folder for results; `text` is its help, and `type` converts its text."""
+    parser.add_argument("--out", type=type, metavar="DIR", required=required, help=text)
 
 
 class Files:

@@ -26,6 +26,7 @@ from .functions.guard import guarded
 from .functions.layout import Layout
 from .functions.named import Parameters, in_layout, named
 from .functions.quantities import EnergyLessWork
+from .geometry import Geometry
 from .kernels.protocol import SCALAR, VECTOR
 from .keywords import suggestion, with_suggestions
 from .methods import Method
@@ -107,10 +108,8 @@ class Problem:
         ``exact(t) -> (u, v)`` for an array of times; None, or another false value, if it is not known.
     continuum : callable, optional
         ``continuum(t) -> (u, v)`` of the continuous body that a lumped problem approximates, at the masses.
-    source : str
-        The source of the problem in the literature.
-    note : str
-        For the problem of a scene: a list of the content of the scene.
+    source, note : str
+        The source of the problem in the literature; for the problem of a scene, a list of the content of the scene.
     h : float, optional
         A suggested step for a first run, which resolves the motion.
     draw : callable, optional
@@ -128,11 +127,12 @@ class Problem:
     outputs : dict
         Available outputs, such as the reactions of constraints: pass all or some of these to `integrate` as `outputs`.
     encounters : callable, optional
-        For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and the damping rates of
-        possible collisions in the motion from a state, or None if they are unknown. Scenes with contacts or pair
-        potentials have it.
+        For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and damping rates of possible
+        collisions from a state, or None if unknown. Scenes with contacts or pair potentials have it.
     masses : array_like, shape (n,), optional
         The mass of each degree of freedom, for `Langevin`; infinite for a degree of freedom without noise.
+    geometry : Geometry, optional
+        The points, links, cells and bodies, for `export`. Scenes and frames have it.
     """
 
     name: str
@@ -157,6 +157,7 @@ class Problem:
     outputs: Mapping[str, Any] = field(default_factory=dict)
     encounters: Callable | None = None
     masses: ArrayLike | None = None
+    geometry: Geometry | None = None
     unknowns: FirstOrder = field(default=NONE, init=False, repr=False)  # the names and shapes of z0
 
     def __post_init__(self) -> None:
@@ -193,8 +194,9 @@ class Problem:
         -------
         Problem
             If u0, v0, z0, params or the start of t_span change, `continuum` is removed, and `exact` is recomputed for a
-            problem of `eig3.linear`, and otherwise unknown. If params change, `draw`, `view` and `encounters` are
-            removed, because they may contain constants of the problem. Fields given in `changes` are kept.
+            problem of `eig3.linear`, and otherwise unknown. If params change, `draw`, `view`, `geometry` and
+            `encounters` are removed, because they may contain constants of the problem. Fields given in `changes` are
+            kept.
 
         Raises
         ------
@@ -209,7 +211,7 @@ class Problem:
         changed = {name for name in _START if name in new and not np.array_equal(new[name], getattr(self, name))}
         if "t_span" in new and new["t_span"][0] != self.t_span[0]:
             changed.add("t_span")
-        dropped = ["continuum"] * bool(changed) + ["draw", "view", "encounters"] * ("params" in changed)
+        dropped = ["continuum"] * bool(changed) + ["draw", "view", "geometry", "encounters"] * ("params" in changed)
         copied: dict[str, Any] = {**dict.fromkeys(dropped), **new}
         if changed and self.exact is not None:
             copied.setdefault("exact", self._exact_again(new))
@@ -531,6 +533,68 @@ class Problem:
         """
         has_seconds = self.energy_unit != "-"  # without units, the time has no unit either
         return animate(self.view or Curves(self.labels), solution, path, has_seconds=has_seconds, t_end=t_end)
+
+    def export(
+        self,
+        solution: Solution,
+        path: str | PathLike[str],
+        *,
+        types: Any = None,
+        scale: float = 1.0,
+        every: int = 1,
+        progress: bool = False,
+    ) -> Path:
+        """Write the saved states of a run to a file of OVITO, VMD or ParaView, one state at a time.
+
+        Parameters
+        ----------
+        solution : Solution
+            A run of this problem. With `save_to`, it may be larger than the memory.
+        path : str or path
+            The file, which is replaced if it exists. The suffix sets the format: ".extxyz", extended XYZ; ".dump", the
+            text dump of LAMMPS; ".dcd", which has positions only, at equal distances in time; ".pvd", a collection of
+            VTU meshes in a folder of the same name; ".vtkhdf", the same meshes in one file.
+        types : str or int, or array_like of these with shape (points,), optional
+            The species of each point, such as "Ar", in the order in which the points were added, with fixed points; by
+            default 1, and 2 for fixed points.
+        scale : float
+            Multiplies lengths, as in positions, velocities, radii and the box: with ``scale=1e10``, they are in
+            Ångström. Times stay in s.
+        every : int
+            Write every so many of the saved states.
+        progress : bool
+            Show a progress bar, which needs tqdm.
+
+        Returns
+        -------
+        Path
+            The path of the file.
+
+        Raises
+        ------
+        ValueError
+            If the suffix is unknown, the problem has no points in space, or the format cannot hold the run.
+        ImportError
+            If a library of the format is not installed: ``pip install 'eig3[files]'``.
+        OSError
+            If the file cannot be written.
+
+        Notes
+        -----
+        The points come from `geometry`, or from `view` if that is an `eig3.animation.Mechanism`. Meshes have the links
+        as lines, the triangles and tetrahedra of sheets and solids, and for each rigid body the box with its mass and
+        inertia. Positions in a periodic box are wrapped, with image flags in ".dump"; in ".extxyz" and ".dcd" they are
+        as in the solution.
+        """
+        from .files import export
+
+        options: dict[str, Any] = {"types": types, "scale": scale, "every": every, "progress": progress}
+        return export(self.shown_geometry, solution, path, **options, name=self.name)
+
+    @property
+    def shown_geometry(self) -> Geometry | None:
+        """The `geometry`, or what the view draws; None if there is neither."""
+        return self.geometry or getattr(self.view, "geometry", None)
 
     def unit(self, letter: str, i: int = 0) -> str:
         """Return the unit of "u" or "v" in the degree of freedom i."""

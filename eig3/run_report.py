@@ -14,6 +14,7 @@ from . import drawing
 from .animation.film import is_resolved
 from .animation.writers import check_writer
 from .command_line import Files, file_name
+from .files.export import check_export
 from .functions.checks import check_h, check_span
 from .methods import Method
 from .planning.suggested_step import first_step
@@ -22,6 +23,7 @@ from .result.solution import Solution
 
 _STATES = 20_000  # approximate largest number of saved states
 _VALUES = 4_000_000  # largest number of saved displacements and velocities
+_EXPORTED = 500  # about the number of states in a file for another program
 _CSV_VALUES = 200_000  # a longer history is written only to the NPZ file
 _FIRST_STEPS = 500  # by which a step is judged before a run that is animated
 _REFINEMENTS = 4
@@ -37,6 +39,7 @@ def run(
     method: str | Method | None = None,
     t_end: float | None = None,
     out: Path | None = None,
+    export: Path | None = None,
     animate: str | None = None,
     write: Callable[[str], None] = print,
 ) -> Solution:
@@ -59,6 +62,8 @@ def run(
         Duration, s; by default the duration of the problem.
     out : Path, optional
         An existing folder for NAME.npz, NAME.csv (short histories only) and NAME.png (with matplotlib only).
+    export : Path, optional
+        A file for some hundred of the states, as `Problem.export` writes it.
     animate : {"gif", "mp4", "html"}, optional
         The format of an animation, which is written to `out` or to the current folder.
     write : callable
@@ -70,7 +75,7 @@ def run(
 
     Raises
     ------
-    TypeError, ValueError
+    OSError, TypeError, ValueError
         For bad arguments, as `eig3.integrate` raises them, and for a step that is too long for an animation.
     ImportError
         If a package or program for the animation is not installed.
@@ -87,6 +92,8 @@ def run(
     if animate:
         check_writer(animate)
     problem = build(**options)
+    if export is not None:
+        check_export(problem.shown_geometry, export, problem.name)
 
     def steps(problem: Problem) -> dict[str, Any]:
         if accuracy is not None:
@@ -109,6 +116,9 @@ def run(
         write(balance.summary())
     elif solution.success:
         write("  energy: this problem defines none")
+    if export is not None:
+        problem.export(solution, export, every=max(1, len(solution.t) // _EXPORTED))
+        write(f"\nWritten: {export}")
     if out is not None or animate:
         files = Files(out or Path(), "eig3 run")
         lacking = "" if out is None else _save(problem, solution, balance, files)

@@ -17,7 +17,7 @@ from eig3.kernels.protocol import VECTOR
 
 ROOT = Path(__file__).parent.parent
 README_FILES = ("README.md", "bench/README.md", "eig3/OTHER_CODES.md", "eig3/diagnosis/README.md")
-README_FILES += ("eig3/ensembles/README.md",)
+README_FILES += ("eig3/ensembles/README.md", "eig3/files/README.md")
 README_FILES += ("eig3/ensembles/STUDIES.md", "eig3/fitting/README.md", "eig3/run/README.md", "eig3/scene/README.md")
 README_FILES += ("eig3/structures/README.md", "kernels/README.md", "problems/README.md")
 #: The fenced blocks of each README, as (language, text).

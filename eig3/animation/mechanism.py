@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..geometry import Geometry
 from .film import Film, Places
 from .shapes import coils
 
@@ -99,6 +100,14 @@ class Mechanism:
     marks: Any = ()
     labels: tuple[str, ...] = ("x (m)", "y (m)", "z (m)")
     note: str = ""
+
+    @property
+    def geometry(self) -> Geometry:
+        """The points, the links and the triangles of the faces, without velocities and masses."""
+        faces = np.asarray(self.faces)
+        cells = [faces[:, [0, k, k + 1]] for k in range(1, faces.shape[1] - 1)] if len(faces) else []
+        given = {name: getattr(self, name) for name in ("places", "links", "strings", "fixed", "radii")}
+        return Geometry(cells=cells, **given)
 
     def __call__(self, figure: Any, film: Film) -> Callable[[int], None]:
         x = self.places(film.t, film.u.reshape(len(film.t), -1))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
-from ..command_line import add_out
+from ..command_line import add_out, folder
 from ..named_problem import builder
 from .problem import add_method_and_end, add_problem
 
@@ -22,10 +23,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--accuracy", type=float, help="the largest error of u relative to the motion, instead of a step"
     )
     add_method_and_end(parser, "eig3, or with --rtol rkn12, rk8 or rk5")
-    add_out(parser, "folder for NAME.npz, NAME.png and, if the history is short, NAME.csv")
+    text = "folder for NAME.npz, NAME.png and, if the history is short, NAME.csv; or a file for OVITO, VMD or ParaView,"
+    add_out(parser, f"{text} .extxyz, .dump, .dcd, .pvd or .vtkhdf", type=_folder_or_file)
     parser.add_argument("--animate", action="store_true", help="also write an animation, NAME.gif, to DIR or here")
     parser.add_argument("--format", choices=("gif", "mp4", "html"), help="the format of the animation (default: gif)")
     parser.set_defaults(run=run)
+
+
+def _folder_or_file(text: str) -> Path:
+    from ..files.export import FORMATS
+
+    path = Path(text)
+    return path if path.suffix in FORMATS and not path.is_dir() else folder(text)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -37,7 +46,9 @@ def run(options: argparse.Namespace) -> int:
         raise SystemExit("eig3 run: --format is the format of an animation: give --animate too.")
     try:
         given = {name: getattr(options, name) for name in ("h", "rtol", "accuracy", "method", "t_end", "out")}
+        if given["out"] is not None and not given["out"].is_dir():
+            given["export"] = given.pop("out")
         solution = run(build, **given, animate=(options.format or "gif") if options.animate else None)
-    except (ImportError, TypeError, ValueError) as error:
+    except (ImportError, OSError, TypeError, ValueError) as error:
         raise SystemExit(f"eig3 run: {error}") from None
     return 0 if solution.success else 1

@@ -1,4 +1,4 @@
-"""The picture of a scene in an animation: points, links, faces, supports and planes."""
+"""The geometry of a scene, and its picture in an animation: points, links, faces, supports and planes."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..animation import Mechanism
+from ..geometry import Geometry
 from .assembly import STATE, Bodies, Cloud
 from .cell import Cell
 from .constraint import Constraint
@@ -38,6 +39,8 @@ class Places:
         The points of rigid bodies. Points that represent vectors are drawn at the first other point.
     moves : list of (function, arguments, direction, points)
         The motions of supports: ``function(t, *arguments)`` returns the displacement along the direction, and its rate.
+    angles : int
+        The number of angles of a mass; 0 if no mass spins.
     """
 
     positions: np.ndarray
@@ -45,19 +48,42 @@ class Places:
     upright: bool = False
     bodies: Bodies = field(default_factory=Bodies.none)
     moves: list[tuple[Any, tuple, np.ndarray, np.ndarray]] = field(default_factory=list)
+    angles: int = 0
 
     def __call__(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:
-        dimension = self.positions.shape[1]
-        x = np.tile(self.positions, (len(t), 1, 1))
-        is_mass = self.free >= 0
-        is_mass[list(self.bodies.carried)] = False
-        x[:, is_mass] = u[:, self.free[is_mass, None] + np.count_nonzero(is_mass) * np.arange(dimension)]
-        for point, (parts, factors) in self.bodies.carried.items():
-            x[:, point] = np.einsum("p,tpk->tk", factors, x[:, parts])
+        x = self.points(t, u)
         others = np.setdiff1d(np.arange(len(self.free)), self.bodies.vectors)
         x[:, self.bodies.vectors] = x[:, others[:1]]
-        for function, given, direction, some in self.moves:
-            way = np.array([function(float(time), *given)[0] for time in t])
+        return x
+
+    def points(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return the positions of all points, with the components of vectors."""
+        return self._values(t, u, self.positions, 0)
+
+    def velocities(self, t: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the velocities of all points, with the rates of vectors."""
+        return self._values(t, v, np.zeros_like(self.positions), 1)
+
+    def spins(self, v: np.ndarray) -> np.ndarray:
+        """Return the angular velocities of all points; 0 for fixed points."""
+        count, dimension = np.count_nonzero(self.free >= 0), self.positions.shape[1]
+        rates = v[:, dimension * count :].reshape(len(v), -1)[:, : self.angles * count]
+        values = np.zeros((len(v), len(self.free), self.angles))
+        is_mass = self.free >= 0
+        values[:, is_mass] = rates.reshape(len(v), self.angles, count).transpose(0, 2, 1)[:, self.free[is_mass]]
+        return values
+
+    def _values(self, t: np.ndarray, given: np.ndarray, fixed: np.ndarray, rate: int) -> np.ndarray:
+        """Return the values of all points: of the masses as given, of the others as `fixed`, which a motion moves."""
+        dimension = self.positions.shape[1]
+        x = np.tile(fixed, (len(t), 1, 1))
+        is_mass = self.free >= 0
+        is_mass[list(self.bodies.carried)] = False
+        x[:, is_mass] = given[:, self.free[is_mass, None] + np.count_nonzero(is_mass) * np.arange(dimension)]
+        for point, (parts, factors) in self.bodies.carried.items():
+            x[:, point] = np.einsum("p,tpk->tk", factors, x[:, parts])
+        for function, arguments_of, direction, some in self.moves:
+            way = np.array([function(float(time), *arguments_of)[rate] for time in t])
             x[:, some] += way[:, None, None] * direction
         if dimension > 1:
             return x
@@ -65,8 +91,10 @@ class Places:
         return np.concatenate([across, x] if self.upright else [x, across], axis=2)
 
 
-def mechanism(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairForce] = ()) -> Mechanism:
-    """Return the view of a scene.
+def geometry_and_view(
+    cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairForce] = ()
+) -> tuple[Geometry, Mechanism]:
+    """Return the geometry of a scene, and the view that draws it.
 
     Parameters
     ----------
@@ -77,9 +105,51 @@ def mechanism(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[Pair
     dimension, masses = cloud.positions.shape[1], cloud.material
     radii = _radii(cloud, placed, pair_forces)
     upright = dimension == 1 and any(law.effect.picture == "weight" for law in placed)
+    links, strings = _links(cloud, placed)
+    cells = _cells(placed)
+    faces = np.concatenate([np.empty((0, 3), dtype=np.int64), *(surface(kind) for kind in cells)])
+    hidden = np.unique(np.concatenate([faces.ravel(), *(kind.ravel() for kind in cells), cloud.bodies.vectors]))
+    hidden = hidden.astype(int)
+    inside = set(hidden.tolist())
+    order = list(links)
+    drawn = [k for k, ends in enumerate(order) if not inside.issuperset(ends)]
+    places = Places(cloud.positions, cloud.free, upright, cloud.bodies, moves(placed), cloud.spins.shape[1])
+    geometry = Geometry(
+        places=places.points,
+        velocities=places.velocities,
+        spins=places.spins if places.angles else None,
+        links=np.array(order, dtype=int).reshape(-1, 2),
+        strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
+        cells=cells,
+        bodies=_bodies(cloud),
+        vectors=cloud.bodies.vectors,
+        fixed=np.flatnonzero(cloud.free < 0),
+        masses=np.where(cloud.is_carried, 0.0, cloud.masses),
+        radii=radii,
+        box=(() if not cloud.box.any() else (0.0, *cloud.box) if upright else cloud.box),
+        shear=cloud.shear,
+    )
+    view = Mechanism(
+        places=places,
+        links=geometry.links[drawn],
+        springs=[k for k, number in enumerate(drawn) if links[order[number]] == "spring"],
+        strings={k: geometry.strings[number] for k, number in enumerate(drawn) if number in geometry.strings},
+        faces=faces,
+        hidden=hidden,
+        fixed=geometry.fixed,
+        radii=radii,
+        trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
+        planes=_planes(placed, radii, masses, dimension, upright),
+        labels=(("", "x (m)") if upright else ("x (m)", "")) if dimension == 1 else ("x (m)", "y (m)", "z (m)"),
+    )
+    return geometry, view
+
+
+def _links(cloud: Cloud, placed: Sequence[Placed]) -> tuple[dict[tuple[int, int], str], dict[tuple[int, int], int]]:
+    """Return the picture of each link by its ends, and the degree of freedom that says whether a string is broken."""
     links: dict[tuple[int, int], str] = {}
     strings: dict[tuple[int, int], int] = {}
-    first_state = (dimension + cloud.spins.shape[1]) * np.count_nonzero(cloud.is_own)
+    first_state = (cloud.positions.shape[1] + cloud.spins.shape[1]) * np.count_nonzero(cloud.is_own)
     for law in placed:
         picture = law.effect.picture
         if isinstance(law.effect, Link | Constraint) and picture not in ("", "discs") and len(law.points) == 2:
@@ -91,36 +161,25 @@ def mechanism(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[Pair
     for point, (parts, _) in cloud.bodies.carried.items():
         if point not in cloud.bodies.vectors:
             links.setdefault((int(parts[0]), point), "line")
-    faces, hidden = _surfaces(placed)
-    hidden = np.union1d(hidden, cloud.bodies.vectors).astype(int)
-    inside = set(hidden.tolist())
-    order = [ends for ends in links if not inside.issuperset(ends)]
-    return Mechanism(
-        places=Places(cloud.positions, cloud.free, upright, cloud.bodies, moves(placed)),
-        links=np.array(order, dtype=int).reshape(-1, 2),
-        springs=[k for k, ends in enumerate(order) if links[ends] == "spring"],
-        strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
-        faces=faces,
-        hidden=hidden,
-        fixed=np.flatnonzero(cloud.free < 0),
-        radii=radii,
-        trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
-        planes=_planes(placed, radii, masses, dimension, upright),
-        labels=(("", "x (m)") if upright else ("x (m)", "")) if dimension == 1 else ("x (m)", "y (m)", "z (m)"),
-    )
+    return links, strings
 
 
-def _surfaces(placed: Sequence[Placed]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the triangles of sheets and around solids, and all points of these sheets and solids."""
+def _cells(placed: Sequence[Placed]) -> list[np.ndarray]:
+    """Return the cells of sheets and solids, with one array for each number of corners."""
     meshes = [
         np.column_stack(law.points)
         for law in placed
         if isinstance(law.effect, Cell) and law.effect.picture == "surface"
     ]
     sizes = {cells.shape[1] for cells in meshes}
-    whole = [surface(np.concatenate([cells for cells in meshes if cells.shape[1] == size])) for size in sizes]
-    faces = np.concatenate([np.empty((0, 3), dtype=np.int64), *whole])
-    return faces, np.unique(np.concatenate([faces.ravel(), *(cells.ravel() for cells in meshes)]))
+    return [np.concatenate([cells for cells in meshes if cells.shape[1] == size]) for size in sizes]
+
+
+def _bodies(cloud: Cloud) -> np.ndarray:
+    """Return the numbers of the centre and of the vectors of each rigid body."""
+    dimension, numbers = cloud.positions.shape[1], cloud.bodies.numbers
+    order = sorted(numbers, key=lambda point: (numbers[point], point in cloud.bodies.vectors, point))
+    return np.array(order, dtype=int).reshape(-1, 1 + dimension)
 
 
 def moves(placed: Sequence[Placed]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:

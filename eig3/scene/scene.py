@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +20,7 @@ from .cell import Cell
 from .description import Axes, Description, Points, spread
 from .encounters import Encounters
 from .mesh import check_cells, is_fixed, lumped, oriented
-from .picture import mechanism
+from .picture import geometry_and_view
 
 __all__ = ["Scene"]
 
@@ -49,6 +51,55 @@ class Scene(Description):
         If dimension is not 1, 2 or 3, the box does not have a side for each dimension, or shear is given without sides
         along x and y.
     """
+
+    @classmethod
+    def read(
+        cls,
+        path: str | PathLike[str],
+        *,
+        dimension: int = 3,
+        periodic: bool | Sequence[bool] = True,
+        length: float = 1.0,
+        mass: float = 1.0,
+        time: float = 1.0,
+        style: str | None = None,
+    ) -> Any:
+        """Read the atoms or the mesh of a file into a new scene. Effects are added afterwards.
+
+        Parameters
+        ----------
+        path : str or path
+            A data file of LAMMPS (".data", ".lmp", ".lammps" or "data.*"), atoms that ASE reads (".xyz", ".extxyz",
+            ".pdb"), or a mesh that meshio reads (".msh", ".inp", ".vtu" and others).
+        dimension : {2, 3}
+            Of the scene of a mesh.
+        periodic : bool or sequence of bool, shape (3,)
+            Whether the box of a file of atoms is periodic along x, y and z.
+        length, mass, time : float
+            The units of the file in the units of the scene, such as ``length=1e-10`` for Ångström.
+        style : str, optional
+            The style of the atoms of LAMMPS, such as "full", if the file does not name it.
+
+        Returns
+        -------
+        FileOfAtoms
+            With `scene`; `atoms`, and `points` by type; `bonds`, `angles`, `dihedrals` and `impropers` by type; and
+            `types`, `charges`, `radii` and `coefficients`.
+        FileOfMesh
+            For a mesh: `scene`, `positions`, `cells`, `groups` of points and `cell_groups`.
+
+        Raises
+        ------
+        ValueError
+            If the file has something that a scene does not support, such as a tilted box. The error names it.
+        ImportError
+            If ASE or meshio is not installed: ``pip install 'eig3[files]'``.
+        OSError
+            If the file cannot be read.
+        """
+        from .reading import read
+
+        return read(cls, Path(path), dimension, periodic, (length, mass, time), style)
 
     def body(
         self,
@@ -230,6 +281,7 @@ class Scene(Description):
             from .constraint_system import fitting  # it needs SciPy
 
             v0 = fitting(assembly.constraints, u0, v0, float(t_span[0]))
+        geometry, view = geometry_and_view(cloud, numbered(cloud, self._placed)[0], self._pair_forces)
         return Problem(
             name=name,
             u0=u0,
@@ -242,6 +294,7 @@ class Scene(Description):
             z0=first_order(assembly),
             encounters=Encounters.of(assembly),
             masses=assembly.inertias,
-            view=mechanism(cloud, numbered(cloud, self._placed)[0], self._pair_forces),
+            view=view,
+            geometry=geometry,
             **code,
         )

@@ -12,6 +12,7 @@ import scipy.sparse
 from ..animation.mechanism import Mechanism
 from ..functions.checks import check_count, reals, shown
 from ..functions.layout import unknown_name
+from ..geometry import Geometry
 from ..keywords import with_suggestions
 from ..problem import Problem
 from ..scene.effect import Link
@@ -263,7 +264,7 @@ class Frame:
         if corotational and ground is None:
             problem = problem.with_(energy=energy)
         h = None if corotational or options.get("links") else self._stable_step(problem.params)
-        return problem.with_(name="frame", view=self._view(names, 1.0), h=h)
+        return problem.with_(name="frame", view=self._view(names, 1.0), geometry=self._geometry(names), h=h)
 
     def _links(self, names: Sequence[str]) -> Iterator[tuple[Link, str | None, str]]:
         """Return the hinges as links between the rotations of a node and of the end of a member."""
@@ -329,16 +330,26 @@ class Frame:
         """Return the places of all nodes, shape (s, nodes, dimension), m, for displacements of the shape (s, n)."""
         return _moved(None, np.atleast_2d(u), *self._drawn(list(self.names)), 1.0)
 
-    def _view(self, names: list[str], factor: float) -> Mechanism:
+    def _geometry(self, names: list[str]) -> Geometry:
         nodes = list(self._places)
         links = [(nodes.index(start), nodes.index(end)) for start, end, _ in self._members]
         axes = DIRECTIONS[self.dimension][: self.dimension]
         held = [nodes.index(n) for n in nodes if all(f"{n}.{axis}" in self._fixed for axis in axes)]
         rest, columns = self._drawn(names)
-        return Mechanism(
-            partial(_moved, rest=rest, columns=columns, factor=factor),
+        return Geometry(
+            places=partial(_moved, rest=rest, columns=columns, factor=1.0),
+            velocities=partial(_moved, rest=np.zeros_like(rest), columns=columns, factor=1.0),
             links=np.array(links).reshape(-1, 2),
             fixed=np.array(held, dtype=int),
+        )
+
+    def _view(self, names: list[str], factor: float) -> Mechanism:
+        geometry = self._geometry(names)
+        rest, columns = self._drawn(names)
+        return Mechanism(
+            partial(_moved, rest=rest, columns=columns, factor=factor),
+            links=geometry.links,
+            fixed=geometry.fixed,
             labels=("x (m)", "y (m)", "z (m)")[: self.dimension],
             note="" if factor == 1 else f"displacements {factor:g} times as large",
         )

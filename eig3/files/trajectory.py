@@ -1,0 +1,173 @@
+"""The rows of a solution as positions in space, which are read one at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..geometry import Geometry
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The state of all points at one saved time. Vectors have three components.
+
+    Attributes
+    ----------
+    t : float
+    step : int
+        The number of the step; with tolerances, the number of the row.
+    x : ndarray, shape (points, 3)
+    v, spin : ndarray, shape (points, 3), or None
+        Velocities and angular velocities, if they are known.
+    corners, corner_v : ndarray, shape (bodies, corners, 3)
+        The corners of the boxes of rigid bodies, and their velocities.
+    whole : ndarray of bool, shape (links,)
+        Whether each link is unbroken.
+    lattice : ndarray, shape (3, 3)
+        The edges of the periodic box as rows, with unit vectors along axes that are not periodic.
+    """
+
+    t: float
+    step: int
+    x: np.ndarray
+    v: np.ndarray | None
+    spin: np.ndarray | None
+    corners: np.ndarray
+    corner_v: np.ndarray
+    whole: np.ndarray
+    lattice: np.ndarray
+
+
+class Trajectory:
+    """The saved states of a run, for the writers of files.
+
+    Iteration reads one row of the solution at a time, so that a run in files may be larger than memory. The points that
+    represent vectors of rigid bodies are left out.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    solution : Solution
+    scale : float
+        Multiplies all lengths.
+    every : int
+        Take every so many of the saved states.
+
+    Attributes
+    ----------
+    masses, radii : ndarray, shape (points,), or None
+    is_fixed : ndarray of bool, shape (points,)
+    links, cells
+        As in `Geometry`, with the numbers of the points that are left.
+    periodic : ndarray of bool, shape (3,)
+    """
+
+    def __init__(self, geometry: Geometry, solution: Any, scale: float = 1.0, every: int = 1) -> None:
+        self._geometry, self._solution, self._scale, self._every = geometry, solution, scale, every
+        x = self._of_row(geometry.places, 0, "u")
+        self._material = np.setdiff1d(np.arange(len(x)), geometry.vectors)
+        number = np.full(len(x), -1)
+        number[self._material] = np.arange(len(self._material))
+        self.count = len(self._material)
+        self.links = number[np.asarray(geometry.links, dtype=int).reshape(-1, 2)]
+        self.cells = [number[cells] for cells in geometry.cells]
+        self.is_fixed = np.isin(self._material, geometry.fixed)
+        self.masses, self.radii = self._column(geometry.masses), self._column(geometry.radii)
+        self.radii = None if self.radii is None else scale * self.radii
+        self._sides = np.zeros(3)
+        self._sides[: len(geometry.box)] = scale * np.asarray(geometry.box, dtype=float)
+        self.periodic = self._sides > 0
+        self._bodies = np.asarray(geometry.bodies, dtype=int)
+        self._halves, self._signs = self._boxes()
+
+    def __len__(self) -> int:
+        return len(range(0, len(self._solution.t), self._every))
+
+    def __iter__(self) -> Iterator[Snapshot]:
+        for row in range(0, len(self._solution.t), self._every):
+            yield self.at(row)
+
+    @property
+    def times(self) -> np.ndarray:
+        return np.asarray(self._solution.t[:: self._every])
+
+    def at(self, row: int) -> Snapshot:
+        """Return the state in a row of the solution."""
+        geometry, solution, scale = self._geometry, self._solution, self._scale
+        t = float(solution.t[row])
+        x = scale * self._of_row(geometry.places, row, "u")
+        v = None if geometry.velocities is None else scale * self._of_row(geometry.velocities, row, "v")
+        spin = None
+        if geometry.spins is not None:
+            of_points = geometry.spins(np.reshape(solution.v[row], (1, -1)))[0]
+            spin = np.zeros((len(of_points), 3))
+            spin[:, -of_points.shape[1] :] = of_points  # in the plane about z
+        return Snapshot(
+            t=t,
+            step=row if solution.steps is not None else round((t - float(solution.t[0])) / solution.h),
+            x=x[self._material],
+            v=None if v is None else v[self._material],
+            spin=None if spin is None else spin[self._material],
+            corners=self._corners(x),
+            corner_v=self._corners(np.zeros_like(x) if v is None else v),
+            whole=self._whole(row),
+            lattice=self._lattice(t),
+        )
+
+    def _of_row(self, function: Any, row: int, letter: str) -> np.ndarray:
+        """Return positions or velocities of all points, shape (points, 3)."""
+        values = np.reshape(getattr(self._solution, letter)[row], (1, -1))
+        found = np.asarray(function(np.array([self._solution.t[row]], dtype=float), values))[0]
+        return np.pad(found, ((0, 0), (0, 3 - found.shape[1])))
+
+    def _column(self, values: Any) -> np.ndarray | None:
+        return np.asarray(values, dtype=float)[self._material] if np.any(values) else None
+
+    def _boxes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return half the sides of the boxes with the mass and inertia of the bodies, and the signs of their corners.
+
+        A box of mass m and side a has the integral of x^2 over its mass m a^2 / 12.
+        """
+        kinds = self._bodies.shape[1] - 1 if self._bodies.size else 0
+        masses = np.asarray(self._geometry.masses, dtype=float)
+        halves = np.sqrt(3 * masses[self._bodies[:, 1:]] / masses[self._bodies[:, :1]]) if kinds else np.empty((0, 0))
+        around = [(-1, -1), (1, -1), (1, 1), (-1, 1)]  # the order of the corners in a quadrilateral or hexahedron
+        signs = np.array(around if kinds == 2 else [(*s, z) for z in (-1, 1) for s in around])
+        return halves, signs
+
+    def _corners(self, x: np.ndarray) -> np.ndarray:
+        if not self._bodies.size:
+            return np.empty((0, 0, 3))
+        # x is scaled, and so are the unit vectors in it; their half sides are not
+        return x[self._bodies[:, :1]] + np.einsum("ck,bk,bkd->bcd", self._signs, self._halves, x[self._bodies[:, 1:]])
+
+    def _whole(self, row: int) -> np.ndarray:
+        whole = np.ones(len(self.links), dtype=bool)
+        for number, degree in dict(self._geometry.strings).items():
+            whole[number] = self._solution.u[row, degree] == 0
+        return whole
+
+    def _lattice(self, t: float) -> np.ndarray:
+        edges = np.diag(np.where(self.periodic, self._sides, 1.0))
+        if self._geometry.shear:
+            shift = self._geometry.shear * self._sides[1] * t
+            edges[1, 0] = shift - self._sides[0] * round(shift / self._sides[0])
+        return edges
+
+
+def wrapped(x: np.ndarray, lattice: np.ndarray, periodic: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the images of points inside the box, and how many edges of the box they were moved, shape (points, 3)."""
+    images = np.where(periodic, np.floor(x @ np.linalg.inv(lattice)), 0.0)
+    return x - images @ lattice, images.astype(np.int64)
+
+
+def bounds(snapshot: Snapshot, periodic: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return two corners of the box: along axes that are not periodic, of the least box around the points."""
+    low, high = snapshot.x.min(axis=0), snapshot.x.max(axis=0)
+    flat = high == low
+    low, high = np.where(flat, low - 0.5, low), np.where(flat, high + 0.5, high)
+    return np.where(periodic, 0.0, low), np.where(periodic, np.diag(snapshot.lattice), high)
