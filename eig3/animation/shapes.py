@@ -1,6 +1,9 @@
-"""Shapes of springs and limits of axes."""
+"""Shapes of springs, bodies and cut planes, and limits of axes."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,6 +11,22 @@ from numpy.typing import ArrayLike
 _TURNS = 8
 _STRAIGHT = 0.15  # fraction of a spring at each end that is straight
 _MARGIN = 0.1
+
+
+@dataclass(frozen=True)
+class Solid:
+    """The shape of a rigid body in a picture.
+
+    Attributes
+    ----------
+    kind : {"box", "sphere", "cylinder", "capsule"}
+        A sphere may have three different axes. The last axis of a cylinder and of a capsule is their length.
+    points : tuple of int
+        The numbers of the point in the centre, and of a point on the surface along each axis.
+    """
+
+    kind: Literal["box", "sphere", "cylinder", "capsule"]
+    points: tuple[int, ...]
 
 
 def coils(a: ArrayLike, b: ArrayLike, width: float) -> np.ndarray:
@@ -26,3 +45,16 @@ def limits(values: np.ndarray) -> tuple[float, float]:
     low, high = float(np.min(values)), float(np.max(values))
     margin = _MARGIN * (high - low) or _MARGIN * abs(high) or 1.0
     return low - margin, high + margin
+
+
+def cut(normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the corners of the part of a plane in space that is inside a box, shape (corners, 3), in cyclic order."""
+    corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(8, 3)
+    above = corners @ normal - offset
+    edges = [(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit and above[i] * above[i | bit] < 0]
+    if not edges:
+        return np.empty((0, 3))
+    cuts = np.array([(corners[i] * above[j] - corners[j] * above[i]) / (above[j] - above[i]) for i, j in edges])
+    first = cuts[0] - cuts.mean(axis=0)
+    around = np.arctan2((cuts - cuts.mean(axis=0)) @ np.cross(normal, first), (cuts - cuts.mean(axis=0)) @ first)
+    return np.asarray(cuts[np.argsort(around)])

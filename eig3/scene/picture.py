@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..animation import Mechanism
+from ..animation import Mechanism, Solid
 from .assembly import STATE, Bodies, Cloud
 from .cell import Cell
 from .constraint import Constraint
@@ -38,6 +38,8 @@ class Places:
         The points of rigid bodies. Points that represent vectors are drawn at the first other point.
     moves : list of (function, arguments, direction, points)
         The motions of supports: ``function(t, *arguments)`` returns the displacement along the direction, and its rate.
+    corners : list of (parts, factors)
+        The points and factors of further points, which follow the points of the scene and show the shapes of bodies.
     """
 
     positions: np.ndarray
@@ -45,6 +47,7 @@ class Places:
     upright: bool = False
     bodies: Bodies = field(default_factory=Bodies.none)
     moves: list[tuple[Any, tuple, np.ndarray, np.ndarray]] = field(default_factory=list)
+    corners: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
 
     def __call__(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:
         dimension = self.positions.shape[1]
@@ -54,11 +57,14 @@ class Places:
         x[:, is_mass] = u[:, self.free[is_mass, None] + np.count_nonzero(is_mass) * np.arange(dimension)]
         for point, (parts, factors) in self.bodies.carried.items():
             x[:, point] = np.einsum("p,tpk->tk", factors, x[:, parts])
+        corners = [np.einsum("p,tpk->tk", factors, x[:, parts]) for parts, factors in self.corners]
         others = np.setdiff1d(np.arange(len(self.free)), self.bodies.vectors)
         x[:, self.bodies.vectors] = x[:, others[:1]]
         for function, given, direction, some in self.moves:
             way = np.array([function(float(time), *given)[0] for time in t])
             x[:, some] += way[:, None, None] * direction
+        if corners:
+            x = np.concatenate([x, np.stack(corners, axis=1)], axis=1)
         if dimension > 1:
             return x
         across = np.zeros_like(x)
@@ -92,22 +98,52 @@ def mechanism(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[Pair
         if point not in cloud.bodies.vectors:
             links.setdefault((int(parts[0]), point), "line")
     faces, hidden = _surfaces(placed)
-    hidden = np.union1d(hidden, cloud.bodies.vectors).astype(int)
+    corners, solids = _solids(cloud)
+    hidden = np.union1d(hidden, [*cloud.bodies.vectors, *range(len(radii), len(radii) + len(corners))]).astype(int)
     inside = set(hidden.tolist())
     order = [ends for ends in links if not inside.issuperset(ends)]
     return Mechanism(
-        places=Places(cloud.positions, cloud.free, upright, cloud.bodies, moves(placed)),
+        places=Places(cloud.positions, cloud.free, upright, cloud.bodies, moves(placed), corners),
         links=np.array(order, dtype=int).reshape(-1, 2),
         springs=[k for k, ends in enumerate(order) if links[ends] == "spring"],
         strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
         faces=faces,
         hidden=hidden,
         fixed=np.flatnonzero(cloud.free < 0),
-        radii=radii,
+        radii=np.append(radii, np.zeros(len(corners))),
         trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
         planes=_planes(placed, radii, masses, dimension, upright),
         labels=(("", "x (m)") if upright else ("x (m)", "")) if dimension == 1 else ("x (m)", "y (m)", "z (m)"),
+        box=_box(cloud.box, upright),
+        shear=cloud.shear,
+        solids=solids,
     )
+
+
+def _box(sides: np.ndarray, upright: bool) -> tuple[float, ...]:
+    """Return the sides of the periodic box in the dimensions of the picture, or nothing without a box."""
+    if not sides.any():
+        return ()
+    if sides.size > 1:
+        return tuple(sides.tolist())
+    return (0.0, float(sides[0])) if upright else (float(sides[0]), 0.0)
+
+
+def _solids(cloud: Cloud) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[Solid]]:
+    """Return points on the surfaces of bodies, and their shapes: boxes with the masses and inertias of the bodies.
+
+    A box of the mass m with the sides a_k has the moments J_k = m a_k^2 / 12.
+    """
+    bodies: dict[int, list[int]] = {}
+    for point, body in cloud.bodies.numbers.items():
+        bodies.setdefault(body, []).append(point)
+    corners, solids = [], []
+    for centre, *vectors in bodies.values():
+        first = len(cloud.masses) + len(corners)
+        half = np.sqrt(3 * cloud.masses[vectors] / cloud.masses[centre])
+        corners += [(np.array([centre, vector]), np.array([1.0, a])) for vector, a in zip(vectors, half, strict=True)]
+        solids.append(Solid("box", (centre, *range(first, first + len(vectors)))))
+    return corners, solids
 
 
 def _surfaces(placed: Sequence[Placed]) -> tuple[np.ndarray, np.ndarray]:
