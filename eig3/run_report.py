@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from . import drawing
+from .animation import geometry
 from .animation.film import is_resolved
 from .animation.writers import check_writer
 from .command_line import Files, file_name
@@ -19,6 +20,7 @@ from .methods import Method
 from .planning.suggested_step import first_step
 from .problem import Problem
 from .result.solution import Solution
+from .view.page import check_page
 
 _STATES = 20_000  # approximate largest number of saved states
 _VALUES = 4_000_000  # largest number of saved displacements and velocities
@@ -38,6 +40,7 @@ def run(
     t_end: float | None = None,
     out: Path | None = None,
     animate: str | None = None,
+    show: str | None = None,
     write: Callable[[str], None] = print,
 ) -> Solution:
     """Integrate one of `eig3.problems` and report on the run.
@@ -61,6 +64,8 @@ def run(
         An existing folder for NAME.npz, NAME.csv (short histories only) and NAME.png (with matplotlib only).
     animate : {"gif", "mp4", "html"}, optional
         The format of an animation, which is written to `out` or to the current folder.
+    show : str, optional
+        The file of a page that shows the motion in three dimensions; "" to open it in the browser.
     write : callable
         Called with each part of the report.
 
@@ -87,13 +92,16 @@ def run(
     if animate:
         check_writer(animate)
     problem = build(**options)
+    if show is not None:
+        geometry(problem.view, problem.name)  # a problem without one is an error now, and not after the run
+        check_page(show or None)
 
     def steps(problem: Problem) -> dict[str, Any]:
         if accuracy is not None:
             return {"accuracy": accuracy, "method": method, "t_eval": _even_times(problem)}
         return _steps(problem, h, rtol, method)
 
-    if animate and h is not None:
+    if (animate or show is not None) and h is not None:
         _check_film(problem, check_h(h), "eig3" if method is None else method)
     interrupt = None
     try:
@@ -109,6 +117,9 @@ def run(
         write(balance.summary())
     elif solution.success:
         write("  energy: this problem defines none")
+    if show is not None and not interrupt:
+        page = problem.show(_resolved(problem, solution, steps), show or None, t_end=solution.t[-1])
+        write(f"\nShown in {page.path}")
     if out is not None or animate:
         files = Files(out or Path(), "eig3 run")
         lacking = "" if out is None else _save(problem, solution, balance, files)

@@ -25,6 +25,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "folder for NAME.npz, NAME.png and, if the history is short, NAME.csv")
     parser.add_argument("--animate", action="store_true", help="also write an animation, NAME.gif, to DIR or here")
     parser.add_argument("--format", choices=("gif", "mp4", "html"), help="the format of the animation (default: gif)")
+    parser.add_argument(
+        "--show", nargs="?", const="", metavar="PATH", help="show the motion in three dimensions, on a page that one can "
+        "turn: in the browser, or written to PATH, such as view.html"
+    )
     parser.set_defaults(run=run)
 
 
@@ -37,7 +41,8 @@ def run(options: argparse.Namespace) -> int:
         raise SystemExit("eig3 run: --format is the format of an animation: give --animate too.")
     try:
         given = {name: getattr(options, name) for name in ("h", "rtol", "accuracy", "method", "t_end", "out")}
-        solution = run(build, **given, animate=(options.format or "gif") if options.animate else None)
-    except (ImportError, TypeError, ValueError) as error:
+        film = (options.format or "gif") if options.animate else None
+        solution = run(build, **given, animate=film, show=options.show)
+    except (ImportError, OSError, RuntimeError, TypeError, ValueError) as error:
         raise SystemExit(f"eig3 run: {error}") from None
     return 0 if solution.success else 1

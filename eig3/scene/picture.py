@@ -132,13 +132,17 @@ def _box(sides: np.ndarray, upright: bool) -> tuple[float, ...]:
 def _solids(cloud: Cloud) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[Solid]]:
     """Return points on the surfaces of bodies, and their shapes: boxes with the masses and inertias of the bodies.
 
-    A box of the mass m with the sides a_k has the moments J_k = m a_k^2 / 12.
+    A box of the mass m with the sides a_k has the moments J_k = m a_k^2 / 12. In the plane, a body with further points
+    has no box, because its inertia does not say how slender it is: its lines show it better.
     """
+    held = {int(parts[0]) for parts, _ in cloud.bodies.carried.values()} if cloud.positions.shape[1] == 2 else set()
     bodies: dict[int, list[int]] = {}
     for point, body in cloud.bodies.numbers.items():
         bodies.setdefault(body, []).append(point)
     corners, solids = [], []
     for centre, *vectors in bodies.values():
+        if centre in held:
+            continue
         first = len(cloud.masses) + len(corners)
         half = np.sqrt(3 * cloud.masses[vectors] / cloud.masses[centre])
         corners += [(np.array([centre, vector]), np.array([1.0, a])) for vector, a in zip(vectors, half, strict=True)]

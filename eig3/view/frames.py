@@ -100,8 +100,13 @@ class Frames:
     def shown_limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the corners of the box that the camera shows first: without the few points that fly far away."""
         low, high = self.limits()
-        around = self.radii[:, None]
-        low, high = np.minimum(low, (self.x - around).min(axis=(0, 1))), np.maximum(high, (self.x + around).max((0, 1)))
+        around = np.tile(self.radii[:, None], (len(self.t), 1, 3))
+        for solid in self.mechanism.solids:
+            centre, *ends = solid.points
+            around[:, centre] = np.abs(self.x[:, ends] - self.x[:, [centre]]).sum(axis=1)
+        if self.is_flat:
+            around[..., 2] = 0.0
+        low, high = np.minimum(low, (self.x - around).min((0, 1))), np.maximum(high, (self.x + around).max((0, 1)))
         for place, *_ in self.mechanism.marks:
             mark = in_space(np.asarray(place, dtype=float))
             low, high = np.minimum(low, mark), np.maximum(high, mark)

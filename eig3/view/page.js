@@ -248,19 +248,23 @@ void main() {
 const FACES = [`
 attribute float number;
 uniform highp sampler2D normalsBefore, normalsAfter;
-varying vec3 normal_;
+varying vec3 normal_, seen;
 varying float value;
 void main() {
   vec4 here = at(number);
   value = here.w;
+  seen = (modelViewMatrix * vec4(here.xyz, 1.0)).xyz;
   normal_ = normalMatrix * mix(texelFetch(normalsBefore, texel(number), 0), texelFetch(normalsAfter, texel(number), 0), mixing).xyz;
   gl_Position = projectionMatrix * modelViewMatrix * vec4(here.xyz, 1.0);
 }`, `
-varying vec3 normal_;
+varying vec3 normal_, seen;
 varying float value;
 uniform vec3 tint;
 void main() {
-  vec3 normal = normalize(normal_);
+  vec3 flat_ = normalize(cross(dFdx(seen), dFdy(seen))), smooth_ = normalize(normal_);
+  float same = dot(flat_, smooth_);
+  if (same < 0.0) smooth_ = -smooth_;
+  vec3 normal = normalize(mix(flat_, smooth_, smoothstep(0.8, 0.97, abs(same)))); // edges stay sharp
   gl_FragColor = vec4(lit(inColor(tint, value), normal.z < 0.0 ? -normal : normal), 1.0);
 }`];
 
@@ -276,10 +280,13 @@ void main() {
 }`, `
 varying vec3 normal_;
 uniform vec3 tint;
+uniform float cover;
 void main() {
   vec3 normal = normalize(normal_);
-  gl_FragColor = vec4(lit(tint, normal.z < 0.0 ? -normal : normal), 1.0);
-}`];
+  gl_FragColor = vec4(lit(tint, normal.z < 0.0 ? -normal : normal), cover);
+}`, `
+uniform vec3 tint;
+void main() { gl_FragColor = vec4(0.55 * tint, 1.0); }`];
 
 // The picture ---------------------------------------------------------------------------------------------------------
 
@@ -336,7 +343,7 @@ function addPoints(kinds, radii) {
   const given = { number: [numbers, 1], radius: [numbers.map(i => radii[i]), 1], tint: [tints, 3] };
   const defines = isLarge ? { SPRITES: 1 } : { SMOOTH: 1 };
   const fragment = BALLS[1].replace("vec3(0.0), value", `vec3(${BLUE}), value`);
-  const made = material(BALLS[0], fragment, { dot_: numbers.length > 300 ? 2.2 : 6 }, { alphaToCoverage: !isLarge, defines });
+  const made = material(BALLS[0], fragment, { dot_: numbers.length > 300 ? 2.2 : numbers.length > 20 ? 4 : 6 }, { alphaToCoverage: !isLarge, defines });
   if (!isLarge) add(copies(new THREE.PlaneGeometry(2, 2), given), made);
   if (!isLarge) return;
   const one = new THREE.BufferGeometry();
@@ -385,17 +392,26 @@ function unit(kind, slenderness) {
   return new THREE.CapsuleGeometry(radius, 2 - 2 * radius, 12, 32).rotateX(Math.PI / 2).scale(1 / radius, 1 / radius, 1);
 }
 
-function addSolids() {
+// Bodies that links hold are transparent, so that the mechanism is visible.
+function addSolids(links) {
+  const held = new Set(links), [vertex, fragment, edge] = SOLIDS;
   const length = (a, b) => Math.hypot(...[0, 1, 2].map(axis => motion.place(0, a, axis) - motion.place(0, b, axis)));
   const groups = new Map();
   for (const { kind, points } of data.solids) {
     const slenderness = kind === "capsule" ? length(points[1], points[0]) / length(points.at(-1), points[0]) : 1;
-    const key = `${kind} ${slenderness.toFixed(3)}`;
-    if (!groups.has(key)) groups.set(key, { base: unit(kind, slenderness), corners: [] });
+    const cover = held.has(points[0]) ? 0.3 : 1, key = `${kind} ${cover} ${slenderness.toFixed(3)}`;
+    if (!groups.has(key)) groups.set(key, { kind, cover, base: unit(kind, slenderness), corners: [] });
     groups.get(key).corners.push(...points, ...(points.length < 4 ? [-1] : []));
   }
-  for (const { base, corners } of groups.values())
-    add(copies(base, { corners: [corners, 4] }), material(...SOLIDS, { tint: new THREE.Vector3(...BODY) }));
+  const tint = new THREE.Vector3(...BODY);
+  for (const { kind, cover, base, corners } of groups.values()) {
+    const look = { transparent: cover < 1, depthWrite: cover === 1, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 };
+    add(copies(base, { corners: [corners, 4] }), material(vertex, fragment, { tint, cover }, look), cover < 1 ? 2 : 0);
+    if (kind !== "box") continue;
+    const edges = new THREE.EdgesGeometry(base), places = edges.attributes.position;
+    edges.setIndex([...Array(places.count).keys()]).setAttribute("normal", places);
+    add(copies(edges, { corners: [corners, 4] }), material(vertex, edge, { tint }), 0, THREE.LineSegments);
+  }
 }
 
 function addPlanes() {
@@ -451,10 +467,9 @@ function addAxes() {
       others.forEach((other, k) => { from[other] = ends[k][other]; });
       for (const end of [a, b]) places.push(...from.with(axis, end[axis]));
     }
-    const beside = dimensions === 2 ? [a, a] : [[a, b], [b, b], [a, a]][axis]; // where its numbers stand
-    const foot = dimensions === 2 ? [...a.slice(0, 2), 0] : [[0, a[1], a[2]], [b[0], 0, a[2]], [a[0], a[1], 0]][axis];
+    const foot = dimensions === 2 ? [a[0], a[1], 0] : [[0, a[1], a[2]], [b[0], 0, a[2]], [a[0], a[1], 0]][axis]; // where its numbers stand
     const out = [0, 0, 0];
-    others.forEach(other => { out[other] = (foot[other] === beside[0]?.[other] || foot[other] === a[other] ? -1 : 1) * 0.03 * extent; });
+    others.forEach(other => { out[other] = (foot[other] === b[other] ? 0.03 : -0.03) * extent; }); // away from the box
     if (!data.labels[axis]) continue;
     const step = roundStep((b[axis] - a[axis]) / (b[axis] - a[axis] > 0.4 * extent ? 4 : 2));
     const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
@@ -686,7 +701,7 @@ async function begin() {
   addPlanes();
   addLinks(links);
   addFaces(faces);
-  addSolids();
+  addSolids(links);
   addPoints(kinds, radii);
   addAxes();
   await addTrails();

@@ -74,7 +74,7 @@ def show(
     t_end : float, optional
         The end of the run, if `solution` is only its beginning.
     """
-    target = None if path is None else _checked(Path(path))
+    target = check_page(path)
     mechanism = geometry(view, name)
     film = Film.of(before_growth(solution), has_seconds=has_seconds)
     frames = Frames.of(mechanism, film, solution.outputs, solution.t)
@@ -90,7 +90,11 @@ def show(
     return Page(page, target)
 
 
-def _checked(path: Path) -> Path:
+def check_page(path: str | PathLike[str] | None) -> Path | None:
+    """Return the path of a page, or raise an error that says what is wrong with it."""
+    if path is None:
+        return None
+    path = Path(path)
     if path.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"path must end with .html, not {path.name!r}.")
     if not path.parent.is_dir():
