@@ -522,9 +522,7 @@ class Problem:
         has_seconds = self.energy_unit != "-"  # without units, the time has no unit either
         return animate(self.view or Curves(self.labels), solution, path, has_seconds=has_seconds, t_end=t_end)
 
-    def show(
-        self, solution: Solution, path: str | PathLike[str] | None = None, *, t_end: float | None = None
-    ) -> Page:
+    def show(self, solution: Solution, path: str | PathLike[str] | None = None, *, t_end: float | None = None) -> Page:
         """Show a run in three dimensions, on a page that one can turn, with a clock and colours.
 
         The page is one HTML file, which needs no network. It shows the same part of the run as `animate`, at the same

@@ -26,8 +26,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--animate", action="store_true", help="also write an animation, NAME.gif, to DIR or here")
     parser.add_argument("--format", choices=("gif", "mp4", "html"), help="the format of the animation (default: gif)")
     parser.add_argument(
-        "--show", nargs="?", const="", metavar="PATH", help="show the motion in three dimensions, on a page that one can "
-        "turn: in the browser, or written to PATH, such as view.html"
+        "--show",
+        nargs="?",
+        const="",
+        metavar="PATH",
+        help="show the motion in three dimensions, on a page that one can "
+        "turn: in the browser, or written to PATH, such as view.html",
     )
     parser.set_defaults(run=run)
 

@@ -114,7 +114,9 @@ class Frames:
         if (high - low).max() > _LOST * (most - least).max() and self.x.shape[1] > _COLORED:
             low, high = least, most
         if len(self.mechanism.box):
-            low, high = (np.where(_sides(self.mechanism) > 0, x, y) for x, y in zip(self.limits(), (low, high), strict=True))
+            low, high = (
+                np.where(_sides(self.mechanism) > 0, x, y) for x, y in zip(self.limits(), (low, high), strict=True)
+            )
         margin = _MARGIN * (high - low).max() * (_sides(self.mechanism) == 0)
         return low - margin, high + margin
 
