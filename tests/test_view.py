@@ -125,6 +125,41 @@ def test_a_body_is_a_box_with_its_inertia():
     np.testing.assert_allclose(ends - centre, np.diag(sides / 2), atol=1e-14)
 
 
+@pytest.mark.parametrize(
+    ("shape", "semi_axes"),
+    [
+        (("box", (2, 4, 6)), (1, 2, 3)),
+        (("sphere", 0.5), (0.5, 0.5, 0.5)),
+        (("cylinder", (0.5, 3)), (0.5, 0.5, 1.5)),
+        (("capsule", (0.5, 3)), (0.5, 0.5, 2.0)),
+    ],
+)
+def test_a_given_shape_turns_with_the_frame_of_its_body(shape, semi_axes):
+    """The inertia has other principal axes, and the body is turned by a quarter about z."""
+    inertia = np.array([[3.0, 0.4, 0.1], [0.4, 4.0, 0.2], [0.1, 0.2, 5.0]])
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    scene = Scene(dimension=3)
+    scene.body(3.0, inertia, (1, 2, 3), turn, shape=shape)
+    problem = scene.problem((0, 1))
+    (solid,) = problem.view.solids
+    centre, *ends = problem.view.places(np.zeros(1), problem.u0[None])[0, list(solid.points)]
+    assert solid.kind == shape[0]
+    np.testing.assert_allclose(ends - centre, np.diag(semi_axes) @ turn.T, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        (("cone", 1), 'shape must be a kind, which is one of "box", "sphere", "cylinder", "capsule", with its sizes'),
+        (("box", (1, 2)), "shape must have 3 positive sizes for a box"),
+        (("sphere", -1), "shape must have 1 positive sizes for a sphere"),
+    ],
+)
+def test_wrong_shapes_are_refused(shape, message):
+    with pytest.raises(ValueError, match=message):
+        Scene(dimension=3).body(1.0, np.ones(3), np.zeros(3), shape=shape)
+
+
 def test_faces_around_a_solid_point_outwards():
     """By Gauss, the volume is a sixth of the sum of the triple products of the corners."""
     corners = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)], dtype=float)

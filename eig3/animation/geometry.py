@@ -23,8 +23,8 @@ def geometry(view: Any, name: str) -> Mechanism:
     if isinstance(view, Mechanism):
         return view
     raise ValueError(
-        f"{name} has no geometry: set its view with problem.with_(view=eig3.animation.Mechanism(places, links=...)), or "
-        "take problem.animate, which shows degrees of freedom against time."
+        f"{name} has no geometry: set its view with problem.with_(view=eig3.animation.Mechanism(places, links=...)), "
+        "or take problem.animate, which shows degrees of freedom against time."
     )
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from ..functions.checks import reals
 
 _TURNS = 8
 _STRAIGHT = 0.15  # fraction of a spring at each end that is straight
@@ -27,6 +29,30 @@ class Solid:
 
     kind: Literal["box", "sphere", "cylinder", "capsule"]
     points: tuple[int, ...]
+
+
+def shape_of(shape: Any, dimension: int) -> tuple[Any, np.ndarray]:
+    """Return the kind of a shape and its semi-axes, m, from its kind and its sizes, as `Scene.body` describes them.
+
+    Raises
+    ------
+    ValueError
+        If the kind is not known in the dimension, or the sizes are not positive or not as many as it needs.
+    """
+    counts = {"box": dimension, "sphere": 1} | ({"cylinder": 2, "capsule": 2} if dimension == 3 else {})
+    kind, sizes = shape if isinstance(shape, tuple | list) and len(shape) == 2 else (None, ())
+    if not isinstance(kind, str) or kind not in counts:
+        known = ", ".join(f'"{name}"' for name in counts)
+        raise ValueError(f"shape must be a kind, which is one of {known}, with its sizes, not {shape!r}.")
+    size = np.atleast_1d(reals(sizes, "shape"))
+    if size.shape != (counts[kind],) or not (np.isfinite(size) & (size > 0)).all():
+        raise ValueError(f"shape must have {counts[kind]} positive sizes for a {kind}, m, not {sizes!r}.")
+    if kind == "box":
+        return kind, size / 2
+    if kind == "sphere":
+        return kind, np.full(dimension, size[0])
+    radius, length = size
+    return kind, np.array([radius, radius, length / 2 + radius * (kind == "capsule")])
 
 
 def coils(a: ArrayLike, b: ArrayLike, width: float) -> np.ndarray:

@@ -130,7 +130,7 @@ def _box(sides: np.ndarray, upright: bool) -> tuple[float, ...]:
 
 
 def _solids(cloud: Cloud) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[Solid]]:
-    """Return points on the surfaces of bodies, and their shapes: boxes with the masses and inertias of the bodies.
+    """Return points on the surfaces of bodies, and their shapes: given ones, or boxes with the inertias of the bodies.
 
     A box of the mass m with the sides a_k has the moments J_k = m a_k^2 / 12. In the plane, a body with further points
     has no box, because its inertia does not say how slender it is: its lines show it better.
@@ -139,14 +139,16 @@ def _solids(cloud: Cloud) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[Sol
     bodies: dict[int, list[int]] = {}
     for point, body in cloud.bodies.numbers.items():
         bodies.setdefault(body, []).append(point)
-    corners, solids = [], []
+    corners: list[tuple[np.ndarray, np.ndarray]] = []
+    solids = []
     for centre, *vectors in bodies.values():
-        if centre in held:
+        if centre in held and centre not in cloud.bodies.shapes:
             continue
         first = len(cloud.masses) + len(corners)
         half = np.sqrt(3 * cloud.masses[vectors] / cloud.masses[centre])
-        corners += [(np.array([centre, vector]), np.array([1.0, a])) for vector, a in zip(vectors, half, strict=True)]
-        solids.append(Solid("box", (centre, *range(first, first + len(vectors)))))
+        kind, axes = cloud.bodies.shapes.get(centre, ("box", np.diag(half)))
+        corners += [(np.array([centre, *vectors]), np.array([1.0, *factors])) for factors in axes]
+        solids.append(Solid(kind, (centre, *range(first, first + len(vectors)))))
     return corners, solids
 
 

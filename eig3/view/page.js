@@ -478,7 +478,7 @@ function addAxes() {
       places.push(...tick, ...tick.map((x, k) => x + 0.4 * out[k]));
       addLabel((Math.abs(value) < 1e-9 * step ? 0 : value).toFixed(digits), new THREE.Vector3(...tick.map((x, k) => x + out[k])));
     }
-    const middle = foot.with(axis, (a[axis] + b[axis]) / 2).map((x, k) => x + 2.8 * out[k]);
+    const middle = foot.with(axis, (a[axis] + b[axis]) / 2).map((x, k) => x + 3.4 * out[k]);
     addLabel(data.labels[axis], new THREE.Vector3(...middle), "axis");
   }
   axes.add(line(places, 0x8a949e, data.box ? 0.9 : 0.45));
@@ -584,7 +584,7 @@ function draw() {
 // A slow computer gets fewer pixels while the motion runs.
 function lighten(seconds) {
   slow = seconds > 1 / 22 ? slow + 1 : Math.max(0, slow - 1);
-  if (slow < 8 || ratio <= 0.6 * sharp) return;
+  if (slow < 4 || ratio <= 0.6 * sharp) return;
   slow = 0;
   ratio = Math.max(0.6 * sharp, 0.75 * ratio);
   resize();
