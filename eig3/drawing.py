@@ -6,7 +6,6 @@ Every function draws on a given figure, and this module does not import matplotl
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -231,7 +230,7 @@ def before_growth(solution: Solution) -> Solution:
     if solution.success:
         return solution
     n = max(2, min(_motion(solution.u), _motion(solution.v)))  # a line needs two states
-    return replace(solution, t=solution.t[:n], u=solution.u[:n], v=solution.v[:n])
+    return solution._first(n)
 
 
 def _motion(values: np.ndarray) -> int:

@@ -43,6 +43,8 @@ from .stepping.stepper import Stepper
 if TYPE_CHECKING:
     from typing import Self  # since Python 3.11
 
+    from .view import Page
+
 #: A function that draws the response on a matplotlib figure.
 Draw = Callable[[Any, Solution], None]
 
@@ -533,6 +535,42 @@ class Problem:
         """
         has_seconds = self.energy_unit != "-"  # without units, the time has no unit either
         return animate(self.view or Curves(self.labels), solution, path, has_seconds=has_seconds, t_end=t_end)
+
+    def show(self, solution: Solution, path: str | PathLike[str] | None = None, *, t_end: float | None = None) -> Page:
+        """Show a run in three dimensions, on a page that one can turn, with a clock and colours.
+
+        The page is one HTML file, which needs no network. It shows the same part of the run as `animate`, at the same
+        speed.
+
+        Parameters
+        ----------
+        solution : Solution
+            A run of this problem. Outputs with one value for each point can be shown as colours.
+        path : str or path, optional
+            The file, which ends with ".html" and is replaced if it exists. Without it, the page is shown in a notebook,
+            or else as a temporary file in the browser.
+        t_end : float, optional
+            The end of the run, if the solution is only its beginning: the page then names the part that it shows.
+
+        Returns
+        -------
+        Page
+            With the attributes `html` and `path`. A notebook shows it below the cell.
+
+        Raises
+        ------
+        ValueError
+            If the problem has no geometry, as `eig3.animation.Mechanism`, or the states of the solution are too far
+            apart to show the motion.
+        OSError
+            If the file cannot be written.
+        RuntimeError
+            If there is no browser to open.
+        """
+        from .view import show
+
+        has_seconds = self.energy_unit != "-"
+        return show(self.view, solution, path, name=self.name, has_seconds=has_seconds, t_end=t_end)
 
     def export(
         self,

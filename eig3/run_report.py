@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from . import drawing
+from .animation import geometry
 from .animation.film import is_resolved
 from .animation.writers import check_writer
 from .command_line import Files, file_name
@@ -20,6 +21,7 @@ from .methods import Method
 from .planning.suggested_step import first_step
 from .problem import Problem
 from .result.solution import Solution
+from .view.page import check_page
 
 _STATES = 20_000  # approximate largest number of saved states
 _VALUES = 4_000_000  # largest number of saved displacements and velocities
@@ -41,6 +43,7 @@ def run(
     out: Path | None = None,
     export: Path | None = None,
     animate: str | None = None,
+    show: str | None = None,
     write: Callable[[str], None] = print,
 ) -> Solution:
     """Integrate one of `eig3.problems` and report on the run.
@@ -66,6 +69,8 @@ def run(
         A file for some hundred of the states, as `Problem.export` writes it.
     animate : {"gif", "mp4", "html"}, optional
         The format of an animation, which is written to `out` or to the current folder.
+    show : str, optional
+        The file of a page that shows the motion in three dimensions; "" to open it in the browser.
     write : callable
         Called with each part of the report.
 
@@ -94,13 +99,16 @@ def run(
     problem = build(**options)
     if export is not None:
         check_export(problem.shown_geometry, export, problem.name)
+    if show is not None:
+        geometry(problem.view, problem.name)  # a problem without one is an error now, and not after the run
+        check_page(show or None)
 
     def steps(problem: Problem) -> dict[str, Any]:
         if accuracy is not None:
             return {"accuracy": accuracy, "method": method, "t_eval": _even_times(problem)}
         return _steps(problem, h, rtol, method)
 
-    if animate and h is not None:
+    if (animate or show is not None) and h is not None:
         _check_film(problem, check_h(h), "eig3" if method is None else method)
     interrupt = None
     try:
@@ -119,6 +127,9 @@ def run(
     if export is not None:
         problem.export(solution, export, every=max(1, len(solution.t) // _EXPORTED))
         write(f"\nWritten: {export}")
+    if show is not None and not interrupt:
+        page = problem.show(_resolved(problem, solution, steps), show or None, t_end=solution.t[-1])
+        write(f"\nShown in {page.path}")
     if out is not None or animate:
         files = Files(out or Path(), "eig3 run")
         lacking = "" if out is None else _save(problem, solution, balance, files)

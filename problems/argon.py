@@ -65,6 +65,7 @@ def view(problem, radius):
         planes=(),
         radii=np.full(len(start), radius),
         labels=("x (nm)", "y (nm)", "z (nm)"),
+        box=[1e9 * side for side in problem.view.box],
     )
 
 

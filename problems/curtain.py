@@ -1,5 +1,6 @@
 """A curtain that falls: a net of springs in air, held at two corners."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -67,16 +68,25 @@ def curtain(
     scene.add(Gravity((0, 0, -G)))
     scene.add(QuadraticDrag(drag / n**2))
 
-    return scene.problem((0.0, t_end), name="curtain", work=work).with_(
+    problem = scene.problem((0.0, t_end), name="curtain", work=work)
+    surface = replace(
+        problem.view, links=(), springs=(), faces=squares(np.asarray(cloth.numbers)), hidden=cloth.numbers.ravel()
+    )
+    return problem.with_(
         source="mass-spring cloth of computer graphics, after Provot (1995)",
         h=2e-4,
         draw=partial(draw, n=n, side=side),
-        view=partial(view, n=n, side=side),
+        view=partial(view, n=n, side=side, mechanism=surface),
     )
 
 
-def view(figure, film, n, side):
-    """Show the cloth as a surface, light where it faces the light."""
+def squares(numbers):
+    """Return the corners of the squares of the cloth, of which the array `numbers` has the points."""
+    return np.stack([numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:]], axis=-1).reshape(-1, 4)
+
+
+def view(figure, film, n, side, mechanism):
+    """Show the cloth as a surface, light where it faces the light; `mechanism` is for pages, which show all squares."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     some = np.unique(np.linspace(0, n - 1, SQUARES + 1).round().astype(int))

@@ -165,7 +165,7 @@ class FromTheSide:
 
 def from_the_side(view: Any, ends: np.ndarray) -> Mechanism:
     """Return a view of the limbs, as lines between discs, and of the stairs."""
-    count, profile = len(view.places.free), len(edges())
+    count, profile = len(view.radii), len(edges())
     steps = count + np.arange(profile)
     radii = np.zeros(count + profile)
     radii[ends] = np.array([[limb.radius] for limb in LIMBS.values()])

@@ -2,8 +2,23 @@
 
 from .curves import Curves, Oscillator, Portrait
 from .film import Film
+from .geometry import geometry, triangles, wrapped
 from .mechanism import Magnified, Mechanism, in_plane
 from .profile import Profile
-from .shapes import coils
+from .shapes import Solid, coils
 
-__all__ = ["Curves", "Film", "Magnified", "Mechanism", "Oscillator", "Portrait", "Profile", "coils", "in_plane"]
+__all__ = [
+    "Curves",
+    "Film",
+    "Magnified",
+    "Mechanism",
+    "Oscillator",
+    "Portrait",
+    "Profile",
+    "Solid",
+    "coils",
+    "geometry",
+    "in_plane",
+    "triangles",
+    "wrapped",
+]

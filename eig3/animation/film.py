@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -74,10 +74,9 @@ class Film:
         speed, t = _frames(solution)
         start, end = t[0], t[-1]
         count = np.searchsorted(solution.t, end) + 1
-        rows = {name: getattr(solution, name)[:count] for name in ("t", "u", "v")}
         units = [(scale, unit) for scale, unit in _UNITS if end - start < 500 * scale] or [_UNITS[-1]]
         u, v = solution._interpolated(t)
-        return cls(replace(solution, **rows), speed, t, u, v, units[0] if has_seconds else (1.0, ""))
+        return cls(solution._first(count), speed, t, u, v, units[0] if has_seconds else (1.0, ""))
 
     @cached_property
     def times(self) -> np.ndarray:

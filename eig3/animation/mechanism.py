@@ -11,7 +11,7 @@ import numpy as np
 
 from ..geometry import Geometry
 from .film import Film, Places
-from .shapes import coils
+from .shapes import coils, cut
 
 _COILS = 40  # more springs than this are drawn as lines
 _MARGIN = 0.08  # around the motion, relative to its size
@@ -85,6 +85,12 @@ class Mechanism:
         Labels of the axes; an axis without a label has no scale.
     note : str
         A line below the picture, such as how much the displacements are magnified.
+    box : sequence of float
+        The sides of a periodic box with a corner at the origin; 0 along an axis that is not periodic. Empty without it.
+    shear : float
+        The rate at which the box shears, 1/s: see `Scene`.
+    solids : sequence of Solid
+        The shapes of rigid bodies.
     """
 
     places: Places
@@ -100,6 +106,9 @@ class Mechanism:
     marks: Any = ()
     labels: tuple[str, ...] = ("x (m)", "y (m)", "z (m)")
     note: str = ""
+    box: Any = ()
+    shear: float = 0.0
+    solids: Any = ()
 
     @property
     def geometry(self) -> Geometry:
@@ -327,13 +336,8 @@ class _Space:
         """Draw the part of the plane inside the box."""
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-        corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(8, 3)
-        above = corners @ normal - offset
-        edges = [(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit and above[i] * above[i | bit] < 0]
-        if not edges:
+        cuts = cut(normal, offset, low, high)
+        if not len(cuts):
             return
-        cuts = np.array([(corners[i] * above[j] - corners[j] * above[i]) / (above[j] - above[i]) for i, j in edges])
-        first = cuts[0] - cuts.mean(axis=0)
-        around = np.arctan2((cuts - cuts.mean(axis=0)) @ np.cross(normal, first), (cuts - cuts.mean(axis=0)) @ first)
-        patch = Poly3DCollection([cuts[np.argsort(around)]], facecolor="0.8", alpha=0.5, zorder=0)
+        patch = Poly3DCollection([cuts], facecolor="0.8", alpha=0.5, zorder=0)
         self.axes.add_collection3d(patch)

@@ -27,6 +27,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_out(parser, f"{text} .extxyz, .dump, .dcd, .pvd or .vtkhdf", type=_folder_or_file)
     parser.add_argument("--animate", action="store_true", help="also write an animation, NAME.gif, to DIR or here")
     parser.add_argument("--format", choices=("gif", "mp4", "html"), help="the format of the animation (default: gif)")
+    parser.add_argument(
+        "--show",
+        nargs="?",
+        const="",
+        metavar="PATH",
+        help="show the motion in three dimensions, on a page that one can "
+        "turn: in the browser, or written to PATH, such as view.html",
+    )
     parser.set_defaults(run=run)
 
 
@@ -48,7 +56,8 @@ def run(options: argparse.Namespace) -> int:
         given = {name: getattr(options, name) for name in ("h", "rtol", "accuracy", "method", "t_end", "out")}
         if given["out"] is not None and not given["out"].is_dir():
             given["export"] = given.pop("out")
-        solution = run(build, **given, animate=(options.format or "gif") if options.animate else None)
-    except (ImportError, OSError, TypeError, ValueError) as error:
+        film = (options.format or "gif") if options.animate else None
+        solution = run(build, **given, animate=film, show=options.show)
+    except (ImportError, OSError, RuntimeError, TypeError, ValueError) as error:
         raise SystemExit(f"eig3 run: {error}") from None
     return 0 if solution.success else 1

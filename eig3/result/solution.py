@@ -459,6 +459,14 @@ class Solution:
         self.u, self.v, self.z = unknowns.separated(*self._whole)
         self.events = {name: occurrences.separated(unknowns) for name, occurrences in self.events.items()}
 
+    def _first(self, count: int) -> Solution:
+        """Return the first states of the run. They can be interpolated, as `dataclasses.replace` would not allow."""
+        z = {name: x[:count] for name, x in self.z.items()}
+        part = dataclasses.replace(self, t=self.t[:count], u=self.u[:count], v=self.v[:count], z=z)
+        part._reads_z = self._reads_z
+        part._whole = self._whole and (self._whole[0][:count], self._whole[1][:count])
+        return part
+
     def _states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return t, u, v and z of the saved states, then before the jumps, then after the jumps."""
         jumps = [jumps for jumps in (o.jumps for o in self.events.values()) if len(jumps)]

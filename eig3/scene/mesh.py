@@ -70,11 +70,12 @@ def surface(cells: ArrayLike) -> np.ndarray:
     Returns
     -------
     ndarray of int, shape (triangles, 3)
+        The corners of a face of a tetrahedron are counterclockwise as seen from outside.
     """
     cells = np.asarray(cells)
     if cells.shape[1] == 3:
         return cells
-    sides = np.concatenate([cells[:, three] for three in combinations(range(4), 3)])
+    sides = np.concatenate([cells[:, three] for three in ([0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3])])
     _, first, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
     return sides[first[count == 1]]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..animation import Mechanism
+from ..animation import Mechanism, Solid
 from ..geometry import Geometry
 from .assembly import STATE, Bodies, Cloud
 from .cell import Cell
@@ -41,6 +41,8 @@ class Places:
         The motions of supports: ``function(t, *arguments)`` returns the displacement along the direction, and its rate.
     angles : int
         The number of angles of a mass; 0 if no mass spins.
+    corners : list of (parts, factors)
+        The points and factors of further points, which follow the points of the scene and show the shapes of bodies.
     """
 
     positions: np.ndarray
@@ -49,12 +51,14 @@ class Places:
     bodies: Bodies = field(default_factory=Bodies.none)
     moves: list[tuple[Any, tuple, np.ndarray, np.ndarray]] = field(default_factory=list)
     angles: int = 0
+    corners: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
 
     def __call__(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:
         x = self.points(t, u)
+        corners = [np.einsum("p,tpk->tk", factors, x[:, parts]) for parts, factors in self.corners]
         others = np.setdiff1d(np.arange(len(self.free)), self.bodies.vectors)
         x[:, self.bodies.vectors] = x[:, others[:1]]
-        return x
+        return np.concatenate([x, np.stack(corners, axis=1)], axis=1) if corners else x
 
     def points(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the positions of all points, with the components of vectors."""
@@ -108,12 +112,13 @@ def geometry_and_view(
     links, strings = _links(cloud, placed)
     cells = _cells(placed)
     faces = np.concatenate([np.empty((0, 3), dtype=np.int64), *(surface(kind) for kind in cells)])
-    hidden = np.unique(np.concatenate([faces.ravel(), *(kind.ravel() for kind in cells), cloud.bodies.vectors]))
-    hidden = hidden.astype(int)
+    corners, solids = _solids(cloud)
+    not_drawn = [*cloud.bodies.vectors, *range(len(radii), len(radii) + len(corners))]
+    hidden = np.unique(np.concatenate([faces.ravel(), *(kind.ravel() for kind in cells), not_drawn])).astype(int)
     inside = set(hidden.tolist())
     order = list(links)
     drawn = [k for k, ends in enumerate(order) if not inside.issuperset(ends)]
-    places = Places(cloud.positions, cloud.free, upright, cloud.bodies, moves(placed), cloud.spins.shape[1])
+    places = Places(cloud.positions, cloud.free, upright, cloud.bodies, moves(placed), cloud.spins.shape[1], corners)
     geometry = Geometry(
         places=places.points,
         velocities=places.velocities,
@@ -126,7 +131,7 @@ def geometry_and_view(
         fixed=np.flatnonzero(cloud.free < 0),
         masses=np.where(cloud.is_carried, 0.0, cloud.masses),
         radii=radii,
-        box=(() if not cloud.box.any() else (0.0, *cloud.box) if upright else cloud.box),
+        box=_box(cloud.box, upright),
         shear=cloud.shear,
     )
     view = Mechanism(
@@ -137,10 +142,13 @@ def geometry_and_view(
         faces=faces,
         hidden=hidden,
         fixed=geometry.fixed,
-        radii=radii,
+        radii=np.append(radii, np.zeros(len(corners))),
         trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
         planes=_planes(placed, radii, masses, dimension, upright),
         labels=(("", "x (m)") if upright else ("x (m)", "")) if dimension == 1 else ("x (m)", "y (m)", "z (m)"),
+        box=geometry.box,
+        shear=geometry.shear,
+        solids=solids,
     )
     return geometry, view
 
@@ -162,6 +170,38 @@ def _links(cloud: Cloud, placed: Sequence[Placed]) -> tuple[dict[tuple[int, int]
         if point not in cloud.bodies.vectors:
             links.setdefault((int(parts[0]), point), "line")
     return links, strings
+
+
+def _box(sides: np.ndarray, upright: bool) -> tuple[float, ...]:
+    """Return the sides of the periodic box in the dimensions of the picture, or nothing without a box."""
+    if not sides.any():
+        return ()
+    if sides.size > 1:
+        return tuple(sides.tolist())
+    return (0.0, float(sides[0])) if upright else (float(sides[0]), 0.0)
+
+
+def _solids(cloud: Cloud) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[Solid]]:
+    """Return points on the surfaces of bodies, and their shapes: given ones, or boxes with the inertias of the bodies.
+
+    A box of the mass m with the sides a_k has the moments J_k = m a_k^2 / 12. In the plane, a body with further points
+    has no box, because its inertia does not say how slender it is: its lines show it better.
+    """
+    held = {int(parts[0]) for parts, _ in cloud.bodies.carried.values()} if cloud.positions.shape[1] == 2 else set()
+    bodies: dict[int, list[int]] = {}
+    for point, body in cloud.bodies.numbers.items():
+        bodies.setdefault(body, []).append(point)
+    corners: list[tuple[np.ndarray, np.ndarray]] = []
+    solids = []
+    for centre, *vectors in bodies.values():
+        if centre in held and centre not in cloud.bodies.shapes:
+            continue
+        first = len(cloud.masses) + len(corners)
+        half = np.sqrt(3 * cloud.masses[vectors] / cloud.masses[centre])
+        kind, axes = cloud.bodies.shapes.get(centre, ("box", np.diag(half)))
+        corners += [(np.array([centre, *vectors]), np.array([1.0, *factors])) for factors in axes]
+        solids.append(Solid(kind, (centre, *range(first, first + len(vectors)))))
+    return corners, solids
 
 
 def _cells(placed: Sequence[Placed]) -> list[np.ndarray]:

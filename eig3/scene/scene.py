@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..animation.shapes import shape_of
 from ..functions.checks import check_count, check_span, reals
 from ..keywords import with_suggestions
 from ..problem import Problem
@@ -110,6 +111,7 @@ class Scene(Description):
         *,
         velocity: ArrayLike = 0.0,
         angular_velocity: ArrayLike = 0.0,
+        shape: tuple[str, ArrayLike] | None = None,
     ) -> RigidBody:
         """Add a rigid body, in two or three dimensions.
 
@@ -129,6 +131,10 @@ class Scene(Description):
             Of the centre of mass, m/s.
         angular_velocity : float or array_like, shape (3,)
             rad/s; in space in the frame of the scene.
+        shape : (str, float or sequence of float), optional
+            For pictures, in the frame of the body: ``("box", sides)`` or ``("sphere", radius)``, m; in space also
+            ``("cylinder", (radius, length))`` and ``("capsule", (radius, length))`` along z, with the length between
+            the centres of the caps. By default a box with the mass and the inertia of the body.
 
         Returns
         -------
@@ -152,8 +158,12 @@ class Scene(Description):
             raise ValueError(f"angular_velocity of a body in {self.dimension} dimensions must be {wanted}, in rad/s.")
         across = axes @ np.array([[0.0, 1.0], [-1.0, 0.0]]) if self.dimension == 2 else axes
         rates = turning * across if self.dimension == 2 else np.cross(np.broadcast_to(turning, 3), axes)
+        solid = None if shape is None else shape_of(shape, self.dimension)
         centre = self.mass(mass, position, np.broadcast_to(reals(velocity, "velocity"), (self.dimension,)))
         vectors = Axes(self, self.mass(squares, axes, rates).numbers)
+        if solid is not None:
+            kind, semi_axes = solid
+            self._bodies.shapes[int(centre.numbers)] = kind, np.diag(semi_axes) @ principal
         self._bodies.vectors.extend(vectors.numbers.tolist())
         self._bodies.plates.extend(plates(squares, vectors.numbers))
         number = 1 + max(self._bodies.numbers.values(), default=-1)

@@ -1,0 +1,65 @@
+"""The geometry of a problem, for films, pages and files: its points, links, faces, bodies and periodic box."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from .mechanism import Mechanism
+
+
+def geometry(view: Any, name: str) -> Mechanism:
+    """Return the geometry in the view of a problem; `name` is the name of the problem.
+
+    Raises
+    ------
+    ValueError
+        If the view has no geometry, such as a view of degrees of freedom against time.
+    """
+    if isinstance(view, partial):  # a view that draws more than its mechanism
+        view = view.keywords.get("mechanism")
+    if isinstance(view, Mechanism):
+        return view
+    raise ValueError(
+        f"{name} has no geometry: set its view with problem.with_(view=eig3.animation.Mechanism(places, links=...)), "
+        "or take problem.animate, which shows degrees of freedom against time."
+    )
+
+
+def in_space(x: np.ndarray) -> np.ndarray:
+    """Return positions, shape (..., 2 or 3), with z = 0 for points in a plane."""
+    return x if x.shape[-1] == 3 else np.concatenate([x, np.zeros_like(x[..., :1])], axis=-1)
+
+
+def triangles(faces: Any) -> np.ndarray:
+    """Return the corners of triangles, shape (k, 3), that fill faces with 3 or more corners each."""
+    if not len(faces):
+        return np.empty((0, 3), dtype=int)
+    faces = np.asarray(faces, dtype=int)
+    fans = [faces[:, [0, k, k + 1]] for k in range(1, faces.shape[1] - 1)]
+    return np.stack(fans, axis=1).reshape(-1, 3)
+
+
+def wrapped(x: np.ndarray, t: np.ndarray, box: Any, shear: float = 0.0) -> np.ndarray:
+    """Return the images of points that are inside a periodic box.
+
+    Parameters
+    ----------
+    x : ndarray, shape (times, points, dimension)
+    t : ndarray, shape (times,)
+    box : sequence of float
+        The sides; 0 along an axis that is not periodic.
+    shear : float
+        The rate of Lees-Edwards boundaries, 1/s: an image at y + side has moved by shear * side * t along x.
+    """
+    sides = np.asarray(box, dtype=float)
+    x = x.copy()
+    if not sides.any():
+        return x
+    if shear:
+        x[..., 0] -= np.floor(x[..., 1] / sides[1]) * (shear * sides[1] * t)[:, None]
+    some = np.flatnonzero(sides > 0)
+    x[..., some] %= sides[some]
+    return x
