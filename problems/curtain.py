@@ -69,20 +69,18 @@ def curtain(
     scene.add(QuadraticDrag(drag / n**2))
 
     problem = scene.problem((0.0, t_end), name="curtain", work=work)
-    surface = replace(
-        problem.view, links=(), springs=(), faces=squares(np.asarray(cloth.numbers)), hidden=cloth.numbers.ravel()
-    )
     return problem.with_(
         source="mass-spring cloth of computer graphics, after Provot (1995)",
         h=2e-4,
         draw=partial(draw, n=n, side=side),
-        view=partial(view, n=n, side=side, mechanism=surface),
+        view=partial(view, n=n, side=side, mechanism=surface(problem, cloth.numbers)),
     )
 
 
-def squares(numbers):
-    """Return the corners of the squares of the cloth, of which the array `numbers` has the points."""
-    return np.stack([numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:]], axis=-1).reshape(-1, 4)
+def surface(problem, numbers):
+    """Return the view of the scene as a surface of squares between its points, of which `numbers` has the numbers."""
+    squares = np.stack([numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:]], axis=-1)
+    return replace(problem.view, links=(), springs=(), faces=squares.reshape(-1, 4), hidden=numbers.ravel())
 
 
 def view(figure, film, n, side, mechanism):

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import eig3
 from eig3.animation import Film, Mechanism, wrapped
@@ -123,6 +124,17 @@ def test_a_body_is_a_box_with_its_inertia():
     assert solid.kind == "box"
     np.testing.assert_allclose(centre, (1, 2, 3), rtol=1e-14)
     np.testing.assert_allclose(ends - centre, np.diag(sides / 2), atol=1e-14)
+
+
+def test_a_film_is_not_larger_for_shapes_that_it_does_not_draw():
+    """The body moves by 1 m along x; its box has a side of 35 m."""
+    scene = Scene(dimension=2)
+    scene.body(1.0, 200.0, (0, 0), velocity=(1.0, 0.0))
+    problem = scene.problem((0, 1))
+    figure = Figure()
+    problem.view(figure, Film.of(problem.integrate(h=0.01)))
+    (axes,) = figure.axes
+    assert np.diff(axes.get_xlim()) < 2
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,8 @@ class Mechanism:
         radii = np.asarray(self.radii, dtype=float) if len(self.radii) else np.zeros(x.shape[1])
         discs = np.flatnonzero(radii > 0)
         around = radii[discs, None]
-        low, high = self._box([*x, *paths, *(x[:, discs] - around), *(x[:, discs] + around)])
+        ends = [point for solid in self.solids for point in solid.points[1:]]  # a film does not draw solids
+        low, high = self._box([*np.delete(x, ends, axis=1), *paths, *(x[:, discs] - around), *(x[:, discs] + around)])
         axes = _axes_of(figure, low, high, self.labels, self.note)
         draw = _Space(axes) if x.shape[2] == 3 else _Plane(axes)
         for normal, offset in self.planes:

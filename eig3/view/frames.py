@@ -16,7 +16,8 @@ from .coding import differences, rounded, text_of
 _MANY = 2000  # points: with fewer, there are twice as many frames as in a film
 _COLORED = 50  # points: with more, colours show the speed first
 _LARGEST = 19e6  # bytes of the data of a page
-_BITS = 16, 14, 12, 10, 8  # of coordinates; fewer if the data would be too large
+_BITS, _LEAST_BITS = 16, 8  # of coordinates; fewer than 16 if the data would be too large
+_BITS_OF_A_CHARACTER = 6  # of base64
 _SHORT = 1e-3  # of the time between frames, for velocities
 _TRAIL = 4000  # most places on a trail
 _MARGIN = 0.03  # around the motion, relative to its size
@@ -171,12 +172,14 @@ def _positions(frames: Frames, largest: float) -> tuple[str, int]:
     """Return the coded positions, with as many bits as `largest` bytes allow, and the number of bits."""
     low, high = frames.limits()
     axes = 2 if frames.is_flat else 3
-    for bits in _BITS:
+    bits = _BITS
+    while True:
         cells = rounded(frames.x, low, high - low, bits)
         text = text_of(differences(np.swapaxes(cells[..., :axes], 1, 2), bits))
-        if len(text) <= largest:
-            break
-    return text, bits
+        if len(text) <= largest or bits == _LEAST_BITS:
+            return text, bits
+        spare = _BITS_OF_A_CHARACTER * (len(text) - largest) / cells[..., :axes].size
+        bits = max(_LEAST_BITS, bits - int(np.ceil(spare)))
 
 
 def _range(values: np.ndarray) -> tuple[float, float]:
