@@ -215,16 +215,13 @@ def _events_of(
     places = []
     for name, event in options.events.items():
         g = Quantity(f"events[{name!r}].g", event.g, form=layout.form)
-        function, number, how = g.function, 0, (compile_quantity, ())
-        if layout.has_own_times:
-            how = (compile_event,)
-        elif named and hasattr(g.function.py_func, "family"):
+        function, count, number = g.function, 0, 0
+        if named and hasattr(g.function.py_func, "family"):
             function, count, number = g.function.py_func.family
-            how = compile_quantity, (count,)
         if function not in compiled:
-            of = named and named.function(function)
-            in_lanes = _lanes_of(function, g.callback, layout, *how, of=of)
-            compiled[function] = in_lanes, how[1][0] if how[1:] and how[1] else 1
+            how: tuple = (compile_event,) if layout.has_own_times else (compile_quantity, (count,) if count else ())
+            in_lanes = _lanes_of(function, g.callback, layout, *how, of=named and named.function(function))
+            compiled[function] = in_lanes, max(1, count)
         places.append((list(compiled).index(function), number))
     return list(compiled.values()), places
 
