@@ -403,6 +403,24 @@ def test_own_problems_run_in_all_commands(name, tmp_path, monkeypatch, capsys):
     assert "4 completed" in capsys.readouterr().out
 
 
+def test_a_page_shows_the_motion(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["show", "spring_pendulum", "--rtol", "1e-6", "--t-end", "2", "--out", "view.html"]) == 0
+    assert "Shown in view.html" in capsys.readouterr().out
+    assert "spring_pendulum" in Path("view.html").read_text()
+    with pytest.raises(SystemExit, match="eig3 show: single_dof has no geometry: set its view"):
+        main(["show", "single_dof"])
+
+
+@pytest.mark.system
+def test_a_report_of_an_own_problem(tmp_path, monkeypatch, capsys):
+    (tmp_path / "mine.py").write_text(OWN_PROBLEMS)
+    monkeypatch.chdir(tmp_path)
+    main(["report", "mine.py:fixed", "--accuracy", "1e-2", "--out", "pages"])
+    assert f"Written: {Path('pages', 'report.html')}" in capsys.readouterr().out
+    assert "pendulum" in Path("pages", "report.md").read_text()
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [

@@ -8,11 +8,19 @@ import sys
 from collections.abc import Sequence
 
 from .._version import __version__
-from . import bench, cache, plan, run, sweep
+from . import bench, cache, plan, report, run, show, sweep
 
 __all__ = ["main"]
 
-_COMMANDS = {"bench": bench, "run": run, "plan": plan, "sweep": sweep, "cache": cache}
+_COMMANDS = {
+    "bench": bench,
+    "run": run,
+    "show": show,
+    "plan": plan,
+    "sweep": sweep,
+    "report": report,
+    "cache": cache,
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""The argument PROBLEM of `eig3 run`, `eig3 plan` and `eig3 sweep`."""
+"""The argument PROBLEM of the commands, and the options of a run."""
 
 from __future__ import annotations
 
@@ -12,6 +12,18 @@ def add_problem(parser: argparse.ArgumentParser) -> None:
     from .. import problems
 
     parser.add_argument("problem", metavar="PROBLEM", help=f"one of {', '.join(problems.__all__)}; or {OWN}")
+
+
+def add_steps(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the step."""
+    steps = parser.add_mutually_exclusive_group()
+    steps.add_argument(
+        "--h", type=float, help="the step, s (default: the problem's step, or at most a tenth of the critical step)"
+    )
+    steps.add_argument("--rtol", type=float, help="the relative tolerance, such as 1e-6, instead of a step")
+    steps.add_argument(
+        "--accuracy", type=float, help="the largest error of u relative to the motion, instead of a step"
+    )
 
 
 def add_method_and_end(parser: argparse.ArgumentParser, default: str) -> None:

@@ -7,21 +7,14 @@ from pathlib import Path
 
 from ..command_line import add_out, folder
 from ..named_problem import builder
-from .problem import add_method_and_end, add_problem
+from .problem import add_method_and_end, add_problem, add_steps
 
 SUMMARY = "integrate a problem; report its energy balance, write its history and a picture"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_problem(parser)
-    steps = parser.add_mutually_exclusive_group()
-    steps.add_argument(
-        "--h", type=float, help="the step, s (default: the problem's step, or at most a tenth of the critical step)"
-    )
-    steps.add_argument("--rtol", type=float, help="the relative tolerance, such as 1e-6, instead of a step")
-    steps.add_argument(
-        "--accuracy", type=float, help="the largest error of u relative to the motion, instead of a step"
-    )
+    add_steps(parser)
     add_method_and_end(parser, "eig3, or with --rtol rkn12, rk8 or rk5")
     text = "folder for NAME.npz, NAME.png and, if the history is short, NAME.csv; or a file for OVITO, VMD or ParaView,"
     add_out(parser, f"{text} .extxyz, .dump, .dcd, .pvd or .vtkhdf", type=_folder_or_file)

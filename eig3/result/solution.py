@@ -127,12 +127,12 @@ class Solution:
     _between: Callable[..., tuple[np.ndarray, np.ndarray]] | None = None
     _explanation: str = ""
     _resume: Any = None  # the state from which the run can continue, or a function that returns it
+    _whole: tuple[np.ndarray, np.ndarray] | None = None  # u and v before `_separate`; a copy interpolates with them
+    _reads_z: bool = False  # whether the accelerations depend on z
     _a: np.ndarray | None = field(default=None, init=False)
     _a_jumps: np.ndarray | None = field(default=None, init=False)  # before all jumps, then after all jumps
     _knots: tuple[Knots, Resolution] | None = field(default=None, init=False)
     _later: Any = field(default=None, init=False)  # functions that compute fields when they are read, by name
-    _whole: tuple[np.ndarray, np.ndarray] | None = field(default=None, init=False)  # u and v before `_separate`
-    _reads_z: bool = field(default=False, init=False)  # whether the accelerations depend on z
 
     @classmethod
     def _of(cls, fields: dict[str, Any], later: dict[str, Callable[[], Any]]) -> Solution:
@@ -460,12 +460,10 @@ class Solution:
         self.events = {name: occurrences.separated(unknowns) for name, occurrences in self.events.items()}
 
     def _first(self, count: int) -> Solution:
-        """Return the first states of the run. They can be interpolated, as `dataclasses.replace` would not allow."""
+        """Return the first states of the run."""
         z = {name: x[:count] for name, x in self.z.items()}
-        part = dataclasses.replace(self, t=self.t[:count], u=self.u[:count], v=self.v[:count], z=z)
-        part._reads_z = self._reads_z
-        part._whole = self._whole and (self._whole[0][:count], self._whole[1][:count])
-        return part
+        whole = self._whole and (self._whole[0][:count], self._whole[1][:count])
+        return dataclasses.replace(self, t=self.t[:count], u=self.u[:count], v=self.v[:count], z=z, _whole=whole)
 
     def _states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return t, u, v and z of the saved states, then before the jumps, then after the jumps."""

@@ -1,0 +1,31 @@
+"""Integrate a problem, and show its motion in three dimensions, on a page that one can turn."""
+
+from __future__ import annotations
+
+import argparse
+
+from ..named_problem import builder
+from .problem import add_method_and_end, add_problem, add_steps
+
+SUMMARY = "integrate a problem, and show its motion in three dimensions"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    add_problem(parser)
+    add_steps(parser)
+    add_method_and_end(parser, "eig3, or with --rtol rkn12, rk8 or rk5")
+    parser.add_argument("--out", metavar="PATH", default="", help="write the page to PATH, such as view.html")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Return the exit status: 1 if the run failed, for example if it diverged."""
+    from ..run_report import run
+
+    build = builder(options.problem, "eig3 show")
+    given = {name: getattr(options, name) for name in ("h", "rtol", "accuracy", "method", "t_end")}
+    try:
+        solution = run(build, **given, show=options.out)
+    except (ImportError, OSError, RuntimeError, TypeError, ValueError) as error:
+        raise SystemExit(f"eig3 show: {error}") from None
+    return 0 if solution.success else 1
