@@ -20,8 +20,6 @@ def scene_of_box(
     a, b, c = np.square(sides)
     inertia = mass / 12 * np.array([b + c, a + c, a + b])
     box = scene.body(mass, inertia, (0.0, 0.0, 0.0), angular_velocity=(tilt * angular_velocity, angular_velocity, 0.0))
-    corners = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]), axis=-1).reshape(-1, 3)
-    box.point(corners * sides)
     return scene, box
 
 

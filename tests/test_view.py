@@ -127,9 +127,9 @@ def test_a_body_is_a_box_with_its_inertia():
 
 
 def test_a_film_is_not_larger_for_shapes_that_it_does_not_draw():
-    """The body moves by 1 m along x; its box has a side of 35 m."""
+    """The body moves by 1 m along x, and a link shows it; its box has a side of 35 m."""
     scene = Scene(dimension=2)
-    scene.body(1.0, 200.0, (0, 0), velocity=(1.0, 0.0))
+    scene.body(1.0, 200.0, (0, 0), velocity=(1.0, 0.0)).point((0.1, 0.0))
     problem = scene.problem((0, 1))
     figure = Figure()
     problem.view(figure, Film.of(problem.integrate(h=0.01)))

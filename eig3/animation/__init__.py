@@ -2,10 +2,10 @@
 
 from .curves import Curves, Oscillator, Portrait
 from .film import Film
-from .geometry import geometry, triangles, wrapped
+from .geometry import geometry, triangles
 from .mechanism import Magnified, Mechanism, in_plane
 from .profile import Profile
-from .shapes import Solid, coils
+from .shapes import Solid, coils, wrapped
 
 __all__ = [
     "Curves",

@@ -40,26 +40,3 @@ def triangles(faces: Any) -> np.ndarray:
     faces = np.asarray(faces, dtype=int)
     fans = [faces[:, [0, k, k + 1]] for k in range(1, faces.shape[1] - 1)]
     return np.stack(fans, axis=1).reshape(-1, 3)
-
-
-def wrapped(x: np.ndarray, t: np.ndarray, box: Any, shear: float = 0.0) -> np.ndarray:
-    """Return the images of points that are inside a periodic box.
-
-    Parameters
-    ----------
-    x : ndarray, shape (times, points, dimension)
-    t : ndarray, shape (times,)
-    box : sequence of float
-        The sides; 0 along an axis that is not periodic.
-    shear : float
-        The rate of Lees-Edwards boundaries, 1/s: an image at y + side has moved by shear * side * t along x.
-    """
-    sides = np.asarray(box, dtype=float)
-    x = x.copy()
-    if not sides.any():
-        return x
-    if shear:
-        x[..., 0] -= np.floor(x[..., 1] / sides[1]) * (shear * sides[1] * t)[:, None]
-    some = np.flatnonzero(sides > 0)
-    x[..., some] %= sides[some]
-    return x

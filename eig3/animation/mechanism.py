@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 
 from ..geometry import Geometry
 from .film import Film, Places
-from .shapes import coils, cut
+from .shapes import Solid, coils, cut, edges_of_box, main_part, surface, wrapped
 
 _COILS = 40  # more springs than this are drawn as lines
 _MARGIN = 0.08  # around the motion, relative to its size
@@ -20,6 +20,8 @@ _LEAST = 0.5  # least side of the box in space, relative to its longest side
 _TRAIL = 0.7  # seconds of the film
 _CORNERS, _FEW_CORNERS = 32, 8  # corners of the outline of a ball in space; of a ball among many
 _MANY = 1000  # balls or discs, which are too small for a dark outline
+_FEW = 50  # points: with more, those that fly far away do not scale the picture
+_CLEAR = 0.5  # opacity of bodies in space with links, which end within them
 _LIGHT = np.array([0.6, -0.64, 0.48])  # direction of the light on faces in space
 _FACE = np.array([0.35, 0.62, 0.9])  # colour of a face perpendicular to the light
 _SIZES = (30, 7.0), (300, 3.0)  # up to this number of points: size of the dots
@@ -120,32 +122,34 @@ class Mechanism:
 
     def __call__(self, figure: Any, film: Film) -> Callable[[int], None]:
         x = self.places(film.t, film.u.reshape(len(film.t), -1))
+        if len(self.box):
+            x = wrapped(x, film.t, self.box, self.shear)
         paths = self._paths(film)
         radii = np.asarray(self.radii, dtype=float) if len(self.radii) else np.zeros(x.shape[1])
         discs = np.flatnonzero(radii > 0)
         around = radii[discs, None]
-        ends = [point for solid in self.solids for point in solid.points[1:]]  # a film does not draw solids
-        low, high = self._box([*np.delete(x, ends, axis=1), *paths, *(x[:, discs] - around), *(x[:, discs] + around)])
+        surfaces = [surface(solid, x) for solid in self._drawn]
+        corners = [each.reshape(-1, x.shape[2]) for each in surfaces]
+        ends = [point for solid in self.solids for point in solid.points[1:]]
+        low, high = self._limits(
+            [*np.delete(x, ends, axis=1), *paths, *(x[:, discs] - around), *(x[:, discs] + around), *corners]
+        )
         axes = _axes_of(figure, low, high, self.labels, self.note)
         draw = _Space(axes) if x.shape[2] == 3 else _Plane(axes)
         for normal, offset in self.planes:
             draw.plane(np.asarray(normal, dtype=float), float(offset), low, high)
+        if len(self.box):
+            draw.lines(color="0.6", linewidth=0.8).set_segments(edges_of_box(*self._sides(low, high)))
         for place, style, width, name in self.marks:
             axes.plot(*np.reshape(place, (-1, 1)), style, markersize=width)
             axes.text(*place, f"\n{name}", ha="center", va="top", linespacing=0.8)
         movers = [*_trails(draw, paths, film), *self._links(draw, x, film, high - low)]
         if len(self.faces):
             movers.append(partial(_move_points, draw.faces(), x[:, np.asarray(self.faces)]))
-        is_fixed: Any = np.isin(np.arange(x.shape[1]), self.fixed)
-        size = next((size for most, size in _SIZES if x.shape[1] <= most), 1.5)
-        for some, color in ((discs[is_fixed[discs]], "0.5"), (discs[~is_fixed[discs]], "C0")):
-            if some.size:
-                movers.append(partial(_move_points, draw.discs(radii[some], color), x[:, some]))
-        is_dot: Any = ~is_fixed & (radii == 0) & ~np.isin(np.arange(x.shape[1]), self.hidden)
-        for some, style in ((is_fixed, {"color": "k", "marker": "^"}), (is_dot, {"color": "C0", "marker": "o"})):
-            if some.any():
-                dots = draw.line(linestyle="none", markersize=size, zorder=3, **style)
-                movers.append(partial(_move_points, partial(draw.move, dots), x[:, some]))
+        for count in sorted({each.shape[2] for each in surfaces}):
+            some = np.concatenate([each for each in surfaces if each.shape[2] == count], axis=1)
+            movers.append(partial(_move_points, draw.faces(_CLEAR if len(self.links) else 1.0), some))
+        movers += self._points(draw, x, radii)
 
         def show(i: int) -> None:
             for move in movers:
@@ -153,23 +157,54 @@ class Mechanism:
 
         return show
 
+    @property
+    def _drawn(self) -> list[Solid]:
+        """The solids that are drawn: links show the other bodies."""
+        linked = set(np.ravel(self.links).tolist())
+        return [solid for solid in self.solids if solid.is_given or solid.points[0] not in linked]
+
+    def _points(self, draw: Any, x: np.ndarray, radii: np.ndarray) -> Iterator[Callable[[int], None]]:
+        """Draw the points, and yield the functions that move them."""
+        numbers = np.arange(x.shape[1])
+        is_fixed: Any = np.isin(numbers, self.fixed)
+        for is_some, color in ((is_fixed, "0.5"), (~is_fixed, "C0")):
+            some = np.flatnonzero(is_some & (radii > 0))
+            if some.size:
+                yield partial(_move_points, draw.discs(radii[some], color), x[:, some])
+        size = next((size for most, size in _SIZES if x.shape[1] <= most), 1.5)
+        centres = [solid.points[0] for solid in self._drawn]
+        is_dot = (radii == 0) & ~np.isin(numbers, [*self.hidden, *centres])
+        for some, style in ((is_dot & is_fixed, ("k", "^")), (is_dot & ~is_fixed, ("C0", "o"))):
+            if some.any():
+                dots = draw.line(linestyle="none", markersize=size, zorder=3, color=style[0], marker=style[1])
+                yield partial(_move_points, partial(draw.move, dots), x[:, some])
+
     def _paths(self, film: Film) -> list[np.ndarray]:
         """Return the path of each point with a trail, shape (times, 2 or 3)."""
         trails = list(self.trails)
-        if not trails:
+        if not trails or len(self.box):
             return []
         return list(np.moveaxis(film.path(lambda t, u: self.places(t, u.reshape(len(t), -1))[:, trails]), 1, 0))
 
-    def _box(self, places: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return two corners of a box that contains the marks and all positions, arrays of shape (points, 2 or 3)."""
+    def _limits(self, places: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return two corners of a box that contains the marks and the positions, arrays of shape (points, 2 or 3)."""
         shown = np.concatenate([*places, *([place] for place, *_ in self.marks)])
         low, high = shown.min(axis=0), shown.max(axis=0)
+        if len(places[0]) > _FEW:
+            low, high = main_part(shown, low, high)
+        if len(self.box):
+            low, high = self._sides(low, high)
         margin = _MARGIN * ((high - low).max() or 1.0)
         low, high = low - margin, high + margin
         if low.size == 2:
             return low, high
         middle, half = (low + high) / 2, np.maximum(high - low, _LEAST * (high - low).max()) / 2
         return middle - half, middle + half
+
+    def _sides(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return two corners of the periodic box, which reaches from low to high along axes that are not periodic."""
+        sides = np.asarray(self.box, dtype=float)
+        return np.where(sides > 0, 0.0, low), np.where(sides > 0, sides, high)
 
     def _links(self, draw: Any, x: np.ndarray, film: Film, size: np.ndarray) -> list[Callable[[int], None]]:
         links = np.asarray(self.links, dtype=int).reshape(-1, 2)
@@ -179,9 +214,15 @@ class Mechanism:
             numbers = np.flatnonzero(some)
             if numbers.size:
                 lines = draw.lines(color="0.35", linewidth=1.2 if len(links) <= _SIZES[1][0] else 0.4)
-                shown = self._whole(numbers, film)
+                shown = self._whole(numbers, film) & self._is_inside(x[:, links[numbers]])
                 movers.append(partial(_move_links, draw, lines, x, links[numbers], shown, shape))
         return movers
+
+    def _is_inside(self, ends: np.ndarray) -> Any:
+        """Return whether each link stays inside the periodic box, for its ends of the shape (frames, links, 2, ...)."""
+        sides = np.asarray(self.box, dtype=float)
+        some = np.flatnonzero(sides > 0)
+        return (np.abs(ends[:, :, 1] - ends[:, :, 0])[..., some] < sides[some] / 2).all(axis=2)
 
     def _whole(self, numbers: np.ndarray, film: Film) -> np.ndarray:
         """Return whether each link is unbroken in each frame, shape (frames, links)."""
@@ -268,11 +309,11 @@ class _Plane:
         discs.set_offset_transform(self.axes.transData)
         return self.axes.add_collection(discs, autolim=False).set_offsets
 
-    def faces(self) -> Callable[[np.ndarray], None]:
+    def faces(self, alpha: float = 1.0) -> Callable[[np.ndarray], None]:
         """Add a surface; return the function that moves the corners of its faces."""
         from matplotlib.collections import PolyCollection
 
-        faces = PolyCollection([], facecolor=_FACE, edgecolor="0.35", linewidth=0.4, zorder=1.5)
+        faces = PolyCollection([], alpha=alpha, facecolor=_FACE, edgecolor="0.35", linewidth=0.4, zorder=1.5)
         return self.axes.add_collection(faces, autolim=False).set_verts
 
     def plane(self, normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) -> None:
@@ -317,7 +358,7 @@ class _Space:
         self.axes.computed_zorder = False  # a large plane would otherwise cover objects on it
         return lambda x: discs.set_verts(x[:, None] + outline)
 
-    def faces(self) -> Callable[[np.ndarray], None]:
+    def faces(self, alpha: float = 1.0) -> Callable[[np.ndarray], None]:
         """Add a surface; return the function that moves the corners of its faces."""
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -329,7 +370,7 @@ class _Space:
             normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             light = np.abs(normals @ _LIGHT) / np.linalg.norm(normals, axis=-1)
             faces.set_verts(corners)
-            faces.set_facecolor((0.2 + 0.8 * light[:, None]) * _FACE)
+            faces.set_facecolor(np.column_stack([(0.2 + 0.8 * light[:, None]) * _FACE, np.full(len(light), alpha)]))
 
         return move
 

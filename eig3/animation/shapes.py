@@ -13,6 +13,9 @@ from ..functions.checks import reals
 _TURNS = 8
 _STRAIGHT = 0.15  # fraction of a spring at each end that is straight
 _MARGIN = 0.1
+_LOST = 3.0  # if the motion is so many times as large as the motion of most points, these alone are in the picture
+_MOST = 1.0, 99.0  # percentiles of these points
+_ROUND = 24  # sides of the polygons for round bodies
 
 
 @dataclass(frozen=True)
@@ -25,10 +28,13 @@ class Solid:
         A sphere may have three different axes. The last axis of a cylinder and of a capsule is their length.
     points : tuple of int
         The numbers of the point in the centre, and of a point on the surface along each axis.
+    is_given : bool
+        False for a box that only has the inertia of the body. A film leaves it out if links show the body.
     """
 
     kind: Literal["box", "sphere", "cylinder", "capsule"]
     points: tuple[int, ...]
+    is_given: bool = True
 
 
 def shape_of(shape: Any, dimension: int) -> tuple[Any, np.ndarray]:
@@ -84,3 +90,77 @@ def cut(normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) ->
     first = cuts[0] - cuts.mean(axis=0)
     around = np.arctan2((cuts - cuts.mean(axis=0)) @ np.cross(normal, first), (cuts - cuts.mean(axis=0)) @ first)
     return np.asarray(cuts[np.argsort(around)])
+
+
+def main_part(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return two corners of the box around the points x without the few that fly far away, or else low and high."""
+    least, most = np.percentile(x.reshape(-1, x.shape[-1]), _MOST, axis=0)
+    return (least, most) if (high - low).max() > _LOST * (most - least).max() else (low, high)
+
+
+def wrapped(x: np.ndarray, t: np.ndarray, box: Any, shear: float = 0.0) -> np.ndarray:
+    """Return the images of points that are inside a periodic box.
+
+    Parameters
+    ----------
+    x : ndarray, shape (times, points, dimension)
+    t : ndarray, shape (times,)
+    box : sequence of float
+        The sides; 0 along an axis that is not periodic.
+    shear : float
+        The rate of Lees-Edwards boundaries, 1/s: an image at y + side has moved by shear * side * t along x.
+    """
+    sides = np.asarray(box, dtype=float)
+    x = x.copy()
+    if not sides.any():
+        return x
+    if shear:
+        x[..., 0] -= np.floor(x[..., 1] / sides[1]) * (shear * sides[1] * t)[:, None]
+    some = np.flatnonzero(sides > 0)
+    x[..., some] %= sides[some]
+    return x
+
+
+def edges_of_box(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the edges of a box as pairs of corners, shape (edges, 2, dimension)."""
+    corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, low.size)
+    bits = [1 << k for k in range(low.size)]
+    return corners[[(i, i | bit) for bit in bits for i in range(len(corners)) if not i & bit]]
+
+
+def surface(solid: Solid, x: np.ndarray) -> np.ndarray:
+    """Return the faces of a body for the places x of all points, shape (frames, points, dimension).
+
+    The result has the shape (frames, faces, corners, dimension).
+    """
+    centre, *ends = solid.points
+    axes = x[:, ends] - x[:, [centre]]
+    return x[:, None, None, centre] + np.einsum("fck,tkd->tfcd", _unit_faces(solid.kind, axes[0]), axes)
+
+
+def _unit_faces(kind: str, axes: np.ndarray) -> np.ndarray:
+    """Return the faces of a body in units of its semi-axes, shape (faces, corners, dimension)."""
+    turn = np.linspace(0, 2 * np.pi, _ROUND, endpoint=False)
+    if len(axes) == 2:
+        corners = (
+            [(-1, -1), (1, -1), (1, 1), (-1, 1)] if kind == "box" else np.column_stack([np.cos(turn), np.sin(turn)])
+        )
+        return np.array([corners], dtype=float)
+    if kind == "box":
+        side = np.array([(-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)], dtype=float)
+        return np.array([sign * np.roll(side, k, axis=1) for k in range(3) for sign in (1, -1)])
+    down = np.linspace(0, np.pi, _ROUND // 2)
+    radii, heights = np.sin(down), np.cos(down)
+    if kind == "cylinder":
+        radii, heights = np.array([0, 1, 1, 0.0]), np.array([1, 1, -1, -1.0])
+    if kind == "capsule":  # the ends are half balls, which are lower than the radius in units of the length
+        height = np.linalg.norm(axes[0]) / np.linalg.norm(axes[2])
+        heights = height * heights + (1 - height) * np.sign(np.round(heights, 12))
+    rings = np.stack(
+        [np.outer(radii, np.cos(turn)), np.outer(radii, np.sin(turn)), np.outer(heights, 1 + 0 * turn)], -1
+    )
+    upper, lower = rings[:-1], rings[1:]
+    after = np.roll(rings, -1, axis=1)
+    faces = np.stack([lower, after[1:], after[:-1], upper], axis=2)
+    faces[-1] = np.stack([upper, after[:-1], after[1:], lower], axis=2)[-1]  # begins where the ring is no point
+    return faces.reshape(-1, 4, 3)

@@ -200,7 +200,7 @@ def _solids(cloud: Cloud) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[Sol
         half = np.sqrt(3 * cloud.masses[vectors] / cloud.masses[centre])
         kind, axes = cloud.bodies.shapes.get(centre, ("box", np.diag(half)))
         corners += [(np.array([centre, *vectors]), np.array([1.0, *factors])) for factors in axes]
-        solids.append(Solid(kind, (centre, *range(first, first + len(vectors)))))
+        solids.append(Solid(kind, (centre, *range(first, first + len(vectors))), centre in cloud.bodies.shapes))
     return corners, solids
 
 

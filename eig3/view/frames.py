@@ -10,7 +10,7 @@ import numpy as np
 
 from ..animation import Film, Mechanism, triangles, wrapped
 from ..animation.geometry import in_space
-from ..animation.shapes import cut
+from ..animation.shapes import cut, main_part
 from .coding import differences, rounded, text_of
 
 _MANY = 2000  # points: with fewer, there are twice as many frames as in a film
@@ -21,8 +21,6 @@ _BITS_OF_A_CHARACTER = 6  # of base64
 _SHORT = 1e-3  # of the time between frames, for velocities
 _TRAIL = 4000  # most places on a trail
 _MARGIN = 0.03  # around the motion, relative to its size
-_LOST = 3.0  # if the motion is so many times as large as the motion of most points, the camera shows these
-_MOST = 1.0, 99.0  # percentiles of these points
 _DOT, _BALL, _SUPPORT, _HIDDEN = 0, 1, 2, 3
 
 
@@ -111,9 +109,8 @@ class Frames:
         for place, *_ in self.mechanism.marks:
             mark = in_space(np.asarray(place, dtype=float))
             low, high = np.minimum(low, mark), np.maximum(high, mark)
-        least, most = np.percentile(self.x.reshape(-1, 3), _MOST, axis=0)
-        if (high - low).max() > _LOST * (most - least).max() and self.x.shape[1] > _COLORED:
-            low, high = least, most
+        if self.x.shape[1] > _COLORED:
+            low, high = main_part(self.x, low, high)
         if len(self.mechanism.box):
             low, high = (
                 np.where(_sides(self.mechanism) > 0, x, y) for x, y in zip(self.limits(), (low, high), strict=True)
