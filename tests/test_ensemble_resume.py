@@ -12,6 +12,7 @@ import pytest
 from distributed import Client, LocalCluster
 
 import eig3
+from eig3.effects import ElasticPlastic
 from eig3.ensembles import parts
 from eig3.math import cos
 
@@ -97,6 +98,7 @@ import json, os, signal, sys
 from pathlib import Path
 import numpy as np
 import eig3
+from eig3.effects import ElasticPlastic
 from eig3.ensembles import parts
 from tests.conftest import oscillator
 from tests.test_ensemble_resume import FUNCTIONS, assert_same, finished, run
@@ -259,10 +261,12 @@ def test_a_damaged_part_runs_again(tmp_path, started):
 def test_ensembles_of_problems_go_on(tmp_path, started):
     """Named parameters, first-order unknowns, events, and the energy less the work come from the problem."""
     duffing = eig3.problems.duffing()
-    isolated = eig3.problems.isolated_building()
+    stiffness = 40 * np.array([[2.0, -1.0], [-1.0, 1.0]])
+    links = [(ElasticPlastic(40.0, 0.5), 0, 1)]
+    yielding = eig3.linear(np.ones(2), None, stiffness, links=links, work=True, u0=[0.1, 0.0], t_span=(0, 2))
     cases = {
         "duffing": (duffing, {"h": 0.05, "t_end": 5.0, "u0": np.linspace(0, 1, 300)}),
-        "isolated": (isolated, {"h": 1e-2, "t_end": 0.2, "v0": np.linspace(0, 0.1, 140)[:, None] + isolated.v0}),
+        "yielding": (yielding, {"h": 1e-2, "v0": np.multiply.outer(np.linspace(0, 1, 300), [1.0, 0.0])}),
     }
     for name, (problem, options) in cases.items():
         whole = problem.ensemble(**options)

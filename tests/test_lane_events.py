@@ -124,6 +124,16 @@ def test_links_with_events_run_in_lanes(law):
     )
 
 
+def test_links_of_members_with_the_same_parameters():
+    problem = eig3.linear(
+        [1.0, 1.0], None, 40 * np.eye(2), links=[(ElasticPlastic(40.0, 0.5), 0, 1)], u0=[0.1, 0.0], t_span=(0, 2)
+    )
+    v0 = np.multiply.outer(np.linspace(0, 1, 40), [1.0, 0.0])
+    members = problem.ensemble(h=0.01, v0=v0, save_every=10)
+    assert members.notes == ()
+    assert_members_are_single_runs(members, lambda i: problem.with_(v0=v0[i]).integrate(h=0.01, save_every=10))
+
+
 def test_a_full_log_is_emptied():
     """There is one occurrence in each step, so that the log of the block is full after some steps."""
 

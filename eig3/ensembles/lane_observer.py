@@ -133,7 +133,7 @@ class LaneObserver:
         look = alone.arguments
         log = np.empty((max(_LOG_ROWS, 4 * count), 2 + 4 * n))
         own = shared.named.columns if shared.named else np.arange(everyone.params.shape[-1])
-        own = own.astype(np.int64) if everyone.has_own_params else np.empty(0, dtype=np.int64)
+        own = own if everyone.has_own_params else own[:0]
         may_search = not (shared.project or shared.constrained_step or look.follow.advance)
         width = self._values.extremes.shape[1]
         self._alone = alone, system.callback  # whose memory the kernel reads

@@ -44,7 +44,8 @@ class NamedLanes:
     def columns(self) -> np.ndarray:
         """The places in p of the parameters with a value for each member."""
         places = self._layout.places(self._values)
-        return np.concatenate([np.arange(places[name].start, places[name].stop) for name in self._own])
+        own = (np.arange(places[name].start, places[name].stop) for name in self._own)
+        return np.concatenate([np.arange(0), *own])
 
     def function(self, function: Any) -> Callable:
         """Return the Python function for lanes of a function that reads these parameters."""

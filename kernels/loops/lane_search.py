@@ -175,9 +175,8 @@ def start_lane(watch, lane, y, h):
 def search_lane(place, alone_place, of_steps, lane, i, u, v):
     """Search the step of a lane to step index i, and return the outcome, which is PASSED if the lane is lost.
 
-    The look is at the address `place`, and the look of a single run at `alone_place`. u and v are those of the block
-    at the end of the step. The state after a reset, and its acceleration, are in the
-    rows of the single run.
+    The look is at the address `place`, and the look of a single run at `alone_place`. u and v are the rows of the block
+    at the end of the step. The state after a reset, and its acceleration, are in the rows of the single run.
     """
     look, steps = _look_at(place), steps_at(of_steps)
     watch, follow = look.watch, look.follow
