@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.effects import Cable, ElasticPlastic
+from eig3.effects import Cable, ElasticPlastic, LeadRubber
 from eig3.structures import link_stretches, storey_drifts
 
 MEMBERS = 0, 7, 39
@@ -116,6 +116,22 @@ def test_links_with_events_run_in_lanes(law):
     scales = np.linspace(0.3, 3, 40)
     outputs = {"drift": storey_drifts(problem, range(3)), "stretch": link_stretches(problem)}
     options = {"h": 0.01, "outputs": outputs, "save_every": 10}
+    members = problem.ensemble(params={"ground_scale": scales}, **options)
+    assert members.notes == ()
+    assert sum(map(len, members.events.values())) > 100
+    assert_members_are_single_runs(
+        members, lambda i: problem.with_(params=problem.params._replace(ground_scale=scales[i])).integrate(**options)
+    )
+
+
+def test_the_states_of_other_links_come_before_the_states_at_events():
+    links = [(LeadRubber(2.0, 0.5, 0.05), (0, 1), None), (ElasticPlastic(40.0, 0.5), [0, 1], 2)]
+    t = np.linspace(0, 4, 81)
+    problem = eig3.linear(
+        np.ones(3), None, 40 * np.eye(3), ground=(t, np.sin(5 * t), [1, 0.5, 0]), links=links, t_span=(0, 4)
+    )
+    scales = np.linspace(0.3, 3, 40)
+    options = {"h": 0.01, "save_every": 10}
     members = problem.ensemble(params={"ground_scale": scales}, **options)
     assert members.notes == ()
     assert sum(map(len, members.events.values())) > 100

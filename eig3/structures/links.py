@@ -157,8 +157,8 @@ def write_ductility(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[s
 
 def write_events(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], k: int) -> None:
     """Write the values of the events of a kind of links to `out`."""
-    before = (f" + {kind.size} * p.link_{q}_first.size" * kind.has_state for q, kind in enumerate(kinds[:k]))
-    out.line(f"place = n{''.join(before)}")
+    earlier = ((kind.size, number_of_links(q, kind.directions)) for q, kind in enumerate(kinds[:k]) if kind.has_state)
+    out.line("place = n" + "".join(f" + {size} * {count}" for size, count in earlier))
     for s, ends in text.links(out, k, kinds[k].directions):
         _write_one(k, kinds[k], text, out, names, s, ends)
         out.line(f"out[at] = {_call(k, kinds[k], 'event', s)}", "at += 1")
