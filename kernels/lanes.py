@@ -113,7 +113,20 @@ def returned(t, u, v, p, out, low, high, t_low, t_high):
         rescale(v, STEPS(p, 0), velocities)
     for lane in range(LANES):
         out[lane] = FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane))
-    widen(out, t, low, high, t_low, t_high)
+    WIDEN(out, t, low, high, t_low, t_high)
+
+
+def looked(t, u, v, p, out, low, high, t_low, t_high):
+    """Evaluate the function of an event, as `returned` with `count_changes`, but in one loop."""
+    velocities, changed = v, 0
+    if HAS_OWN_STEP > 0:
+        velocities = VELOCITIES(p, 0)
+        rescale(v, STEPS(p, 0), velocities)
+    for lane in range(LANES):
+        g = FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane))
+        out[lane] = g
+        changed += not g * low[lane] >= 0
+    high[0] = changed
 
 
 def written(t, u, v, p, out, low, high, t_low, t_high):
@@ -126,7 +139,7 @@ def written(t, u, v, p, out, low, high, t_low, t_high):
         out[j] = math.nan  # a value that the function does not write stays NaN
     for lane in range(LANES):
         FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane), VALUES(out, lane))
-    widen(out, t, low, high, t_low, t_high)
+    WIDEN(out, t, low, high, t_low, t_high)
 
 
 def time_of_own_step(t, p, lane):
@@ -175,6 +188,15 @@ def widen(values, t, low, high, t_low, t_high):
             e, most, at = values[j], high[j], t_high[j]
             is_new = (e > most) | ((e != e) & (most == most))
             high[j], t_high[j] = e if is_new else most, t if is_new else at
+
+
+@element
+def count_changes(values, t, low, high, t_low, t_high):
+    """Count in `high[0]` how many values have not the sign of `low`: all signs differ from NaN, and none from 0."""
+    changed = 0
+    for j in range(values.size):
+        changed += not values[j] * low[j] >= 0
+    high[0] = changed
 
 
 @element
@@ -310,14 +332,19 @@ def compile_rhs(function: Callable, layout: Layout, is_checked: bool = False) ->
     return compile_template(templates[layout.form is not SCALAR], function, layout, layout.rhs.args, is_checked)
 
 
-def compile_quantity(function: Callable, layout: Layout, shape: tuple[int, ...], is_checked: bool = False) -> Lanes:
+def compile_quantity(
+    function: Callable, layout: Layout, shape: tuple[int, ...], is_event: bool = False, is_checked: bool = False
+) -> Lanes:
     """Compile the evaluation of an invariant or an output, whose value has the shape () or (k,).
 
     It is called as ``f(t, u, v, p, out, low, high, t_low, t_high)``, with the values of a kernel. The last five arrays
-    have k rows of lanes: they take the values, the extremes so far, and the times at which these occurred.
+    have k rows of lanes: they take the values, the extremes so far, and the times at which these occurred. For events,
+    see `count_changes`.
     """
     names = {"VALUES": view(shape[0], layout.lanes)} if shape else {}
-    return compile_template(written if shape else returned, function, layout, _QUANTITY.args, is_checked, names)
+    names["WIDEN"] = count_changes if is_event else widen
+    of_value = looked if is_event else returned
+    return compile_template(written if shape else of_value, function, layout, _QUANTITY.args, is_checked, names)
 
 
 def compile_template(

@@ -121,7 +121,7 @@ class LaneObserver:
         self.numbers: tuple[np.ndarray, ...] = (self._values.numbers,)
         if self._watch:
             watch = self._watch
-            changing = watch.sides, watch.counters, watch.doing, watch.evaluations, watch.ends, watch.last
+            changing = self._g.numbers, watch.counters, watch.doing, watch.evaluations, watch.ends, watch.last
             self.numbers += (*changing, watch.extremes)
         self._found: list[tuple[np.ndarray, np.ndarray]] = []  # the lanes and the rows of the log so far
 
@@ -147,7 +147,7 @@ class LaneObserver:
             first_own=shared.layout.shared,
             values=self._g.follow(0),
             places=np.array([self._g.table[k, OUT] + lanes * j for k, j in shared.places], dtype=np.int64),
-            sides=np.ones((count, lanes)),
+            columns=np.array([self._g.table[k, COLUMN] + lanes * j for k, j in shared.places], dtype=np.int64),
             has_crossed=np.zeros(lanes),
             doing=np.full(lanes, SEARCHED),
             h=np.ascontiguousarray(everyone.steps[members]),
@@ -169,10 +169,11 @@ class LaneObserver:
         self.start = {name: self.latest(name).copy() for name in self._rows}
         if self._watch:
             self._g.evaluate(t, u, v, p)
-            for k, place in enumerate(self._watch.places):
-                self._watch.sides[k] = self._g.out[place : place + self._lanes]
             values = self._watch.counters[:, EVENTS:].reshape(self._lanes, -1, EVENT_VALUES)
-            values[..., SIDE], values[..., LAST] = self._watch.sides.T, -np.inf
+            values[..., LAST] = -np.inf
+            for k, (place, column) in enumerate(zip(self._watch.places, self._watch.columns, strict=True)):
+                g = values[:, k, SIDE] = self._g.out[place : place + self._lanes]
+                self._g.extremes[LOW, column : column + self._lanes] = np.where(g == 0, np.nan, g)
 
     def save_in(self, rows: Mapping[str, np.ndarray]) -> None:
         """Make the kernel write the values in saved states to these arrays, of shape (states, k, lanes)."""
@@ -203,6 +204,7 @@ class LaneObserver:
         """Do not look for events in the lanes of a mask."""
         if self._watch:
             self._watch.doing[lanes] = IDLE
+            self._g.extremes[LOW].reshape(-1, self._lanes)[:, lanes] = 0.0
 
     @property
     def evaluations(self) -> np.ndarray:

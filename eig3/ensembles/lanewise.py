@@ -147,7 +147,8 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
     else:
         method = method.for_force(callback.reads_velocity, members.n)
         method = method.with_constraints() if unrolled else method
-        rows = len(options.events) + sum(_ROWS_FOLLOWED * quantity.width for quantity in followed.values())
+        rows = 3 * len(options.events) + 2 * members.n if options.events else 0
+        rows += sum(_ROWS_FOLLOWED * quantity.width for quantity in followed.values())
         more = unrolled.room + members.n if unrolled else 0
         layout = layout_of(members, method, rows + more, threads, named)
         obstacle = _AT_TIMES if options.t_eval is not None else obstacle
@@ -190,7 +191,10 @@ def _compiled(
     quantities = {}
     for name, quantity in ({} if is_adaptive else followed).items():
         mine = quantity.function, quantity.callback, layout
-        quantities[name] = quantity, _lanes_of(*mine, compile_quantity, quantity.shape, of=of and of(quantity.function))
+        quantities[name] = (
+            quantity,
+            _lanes_of(*mine, compile_quantity, quantity.shape, False, of=of and of(quantity.function)),
+        )
     looks, places = _events_of(layout, options, named)
     constrained_step, project = (keeping, None) if has_constrained_step else (None, keeping)
     observes = bool(looks or followed) or options.t_eval is not None or options.save_every is not None
@@ -219,7 +223,8 @@ def _events_of(
         if named and hasattr(g.function.py_func, "family"):
             function, count, number = g.function.py_func.family
         if function not in compiled:
-            how: tuple = (compile_event,) if layout.has_own_times else (compile_quantity, (count,) if count else ())
+            of_values = compile_quantity, (count,) if count else (), True
+            how: tuple = (compile_event,) if layout.has_own_times else of_values
             in_lanes = _lanes_of(function, g.callback, layout, *how, of=named and named.function(function))
             compiled[function] = in_lanes, max(1, count)
         places.append((list(compiled).index(function), number))
@@ -287,5 +292,6 @@ def _lanes_of(
     if key not in known or known[key][0] is not callback.compiled:  # the user may have recompiled the function
         own = getattr(getattr(function, "py_func", None), "in_lanes", None)  # the reactions of a scene
         python = of or (own.py_func if own else callback.function)
-        known[key] = callback.compiled, compile_it(python, layout, *how, bool(options_of(function).get("boundscheck")))
+        is_checked = bool(options_of(function).get("boundscheck"))
+        known[key] = callback.compiled, compile_it(python, layout, *how, is_checked)
     return known[key][1]

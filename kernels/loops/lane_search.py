@@ -76,11 +76,11 @@ class LaneWatch(NamedTuple):
         The parameters of a single run; the places there of the values that each trajectory has for itself; and where
         the rows of these begin in the parameters of the block.
     values : Follow
-        The functions of the events, compiled for lanes.
-    places : ndarray of int, shape (events,)
-        Where the values of each event begin in `values.out`.
-    sides : ndarray, shape (events, lanes)
-        The side of its zero on which each function was.
+        The functions of the events, compiled for lanes. The row `LOW` of the extremes has the side of its zero on which
+        each function was, or NaN if it was at its zero. It is 0 in lanes that are not searched. The first value of each
+        function in the row `HIGH` is the number of changes.
+    places, columns : ndarray of int, shape (events,)
+        Where the values of each event begin in `values.out`, and its sides in the extremes.
     has_crossed, doing : ndarray, shape (lanes,)
         Whether a function has changed its sign, and what the lane does: see `SEARCHED`.
     h, unit : ndarray, shape (lanes,)
@@ -108,7 +108,7 @@ class LaneWatch(NamedTuple):
     first_own: Any
     values: Any
     places: Any
-    sides: Any
+    columns: Any
     has_crossed: Any
     doing: Any
     h: Any
@@ -126,7 +126,7 @@ class LaneWatch(NamedTuple):
 _integers, _vector, _matrix = Array(int64, 1, "C"), vector_type, matrix_type
 LANE_WATCH = Record(
     (
-        *(LOOK, int64, int64, float64, _vector, _integers, int64, FOLLOW, _integers, _matrix, _vector, _vector),
+        *(LOOK, int64, int64, float64, _vector, _integers, int64, FOLLOW, _integers, _integers, _vector, _vector),
         *(_vector, _vector, _matrix, _matrix, _vector, _integers, _integers, _matrix, _vector, _matrix),
     ),
     LaneWatch,
@@ -140,23 +140,27 @@ _look_at = record_at(LOOK_IN_LANES)
 def search_lanes(look, i, t, y, steps):
     """Search the step to step index i in the lanes in which the function of an event has changed its sign."""
     watch, lanes = look.watch, look.watch.has_crossed.size
-    EVALUATE_LANES(watch.values, 0, t, y[0], y[1], steps.p)
-    has_crossed, doing = watch.has_crossed, watch.doing
-    for lane in range(lanes):
-        has_crossed[lane] = 0.0
+    values, count = watch.values, 0.0
+    EVALUATE_LANES(values, 0, t, y[0], y[1], steps.p)
+    for k in range(len(values.table)):
+        count += values.extremes[HIGH, values.table[k, COLUMN]]
+    if count == 0:  # as in most steps
+        return
+    has_crossed = watch.has_crossed
+    has_crossed[:] = 0.0
     for k in range(len(watch.places)):
-        first, side = watch.places[k], watch.sides[k]
-        g = watch.values.out[first : first + lanes]
+        place, column = watch.places[k], watch.columns[k]
         for lane in range(lanes):
-            has_crossed[lane] = has_crossed[lane] if g[lane] * side[lane] > 0 else 1.0
+            if not values.out[place + lane] * values.extremes[LOW, column + lane] >= 0:
+                has_crossed[lane] = 1.0
     for lane in range(lanes):
-        if has_crossed[lane] > 0 and doing[lane] == SEARCHED:
+        if has_crossed[lane] > 0 and watch.doing[lane] == SEARCHED:  # g may be NaN in the other lanes
             outcome = SEARCH_LANE(address_of(look), address_of(watch.look), address_of(steps), lane, i, y[0], y[1])
             if outcome == RESET:
                 if RESTARTS > 0:
                     START_LANE(watch, lane, y, steps.h)
                 else:  # a starter would have to take its first steps
-                    doing[lane] = LOST
+                    leave_lane(watch, lane, LOST)
 
 
 def start_lane(watch, lane, y, h):
@@ -181,7 +185,7 @@ def search_lane(place, alone_place, of_steps, lane, i, u, v):
     look, steps = _look_at(place), steps_at(of_steps)
     watch, follow = look.watch, look.follow
     if watch.may_search == 0:
-        watch.doing[lane] = LOST
+        leave_lane(watch, lane, LOST)
         return PASSED
     alone, mine = watch.look, watch.counters[lane]
     work, first, unit, h = alone.watch.work, watch.n_logged[0], watch.unit[lane], watch.h[lane]
@@ -199,13 +203,14 @@ def search_lane(place, alone_place, of_steps, lane, i, u, v):
     t = watch.t0 + i * h
     outcome = SEARCH(watch.rhs, alone_place, mine, watch.t0, watch.t0 + (i - 1) * h, t, n, watch.p)
     if outcome != PASSED and outcome != RESET and outcome != TERMINAL:
-        watch.doing[lane] = LOST
+        leave_lane(watch, lane, LOST)
         return PASSED
     for row in range(first, int(mine[LOGGED])):
         watch.lane_of_row[row] = lane
     watch.n_logged[0] = int(mine[LOGGED])
     for k in range(len(alone.watch.events)):
-        watch.sides[k, lane] = mine[EVENTS + EVENT_VALUES * k + SIDE]
+        side = mine[EVENTS + EVENT_VALUES * k + SIDE]
+        watch.values.extremes[LOW, watch.columns[k] + lane] = side if side != 0 else math.nan
     if outcome != PASSED:
         t = mine[TIME] if outcome == TERMINAL else t
         RHS(watch.rhs)(t, pair[U_END], pair[V_END], watch.p, pair[A])
@@ -234,7 +239,7 @@ def widen_lane(lane, lanes, alone, follow, t0, t0_of_block, ratio):
 def end_lane(lane, watch, follow, t, i, pair):
     """Keep the end of a trajectory that an event has ended. Later steps of the lane mean nothing."""
     ends, lanes, alone, counters = watch.ends, watch.doing.size, watch.look.follow, watch.counters[lane]
-    watch.doing[lane] = STOPPED
+    leave_lane(watch, lane, STOPPED)
     ends[END_TIME, lane], ends[END_EVENT, lane], ends[END_STEP, lane] = t, counters[ENDED_BY], i
     n = (len(ends) - END_STATE) // 2
     for j in range(n):
@@ -245,6 +250,14 @@ def end_lane(lane, watch, follow, t, i, pair):
             watch.last[place] = alone.out[alone.table[k, OUT] + j]
             for row in range(len(watch.extremes)):
                 watch.extremes[row, place] = follow.extremes[row, place]
+
+
+@element
+def leave_lane(watch, lane, doing):
+    """Search the lane no more."""
+    watch.doing[lane] = doing
+    for k in range(len(watch.columns)):
+        watch.values.extremes[LOW, watch.columns[k] + lane] = 0.0
 
 
 @element

@@ -141,8 +141,10 @@ def write(u, v, n, steps, row):
 
 @element
 def copy_two(u, v, u_from, v_from, n):
+    for j in range(n):  # LLVM does not vectorise one loop for both
+        u[j] = u_from[j]
     for j in range(n):
-        u[j], v[j] = u_from[j], v_from[j]
+        v[j] = v_from[j]
 
 
 @element
