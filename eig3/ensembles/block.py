@@ -10,13 +10,13 @@ import numpy as np
 
 from ..diagnosis.divergence import became_non_finite, lost_constraints
 from ..functions.guard import not_finite_at_start
+from ..kernels.loops.lane_search import LOST, SEARCHED, STOPPED
 from ..kernels.protocol import SCALAR, VECTOR
 from ..result.solution import Status
 from ..run.chunks import unwritten_entry
 from ..run.growth import BLOWN_UP, OVERFLOWING, natural_sizes
 from ..stepping.march import Cancel
 from ..stepping.run_options import NEVER
-from .lane_observer import LOST, SEARCHED, STOPPED
 from .lane_state import LaneState
 from .lanewise import FIRST_CHUNK, Setup
 from .single_members import Alone

@@ -15,9 +15,7 @@ from ..kernels.loops.lane_search import (
     END_STEP,
     END_TIME,
     IDLE,
-    LOST,
     SEARCHED,
-    STOPPED,
     LaneWatch,
 )
 from ..kernels.loops.zeros import LAST, SIDE
@@ -247,6 +245,3 @@ class LaneObserver:
         for x, before in zip(self.numbers, saved, strict=True):
             x[...] = before
         self._found.clear()
-
-
-__all__ = ["LOST", "SEARCHED", "STOPPED", "LaneObserver"]
