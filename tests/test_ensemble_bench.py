@@ -176,6 +176,6 @@ def test_members_in_bounded_memory(capsys):
 def test_the_tables_of_tolerances_have_a_row_for_each_set_and_method():
     tables = tolerance_tables(20, 1)
     rows = [line for line in tables.splitlines() if line.startswith("|")]
-    assert len(rows) == 2 + 8 + 2 + 3
+    assert len(rows) == 2 + 9 + 2 + 3
     for name in sets(20):
-        assert sum(row.startswith(f"| {name}") for row in rows) == (3 if "ball" not in name else 2)
+        assert sum(row.startswith(f"| {name}") for row in rows) == 3  # two methods, and an event or a fixed step
