@@ -106,7 +106,7 @@ def vector_own_step(t, u, v, p, a):
 
 
 def returned(t, u, v, p, out, low, high, t_low, t_high):
-    """Evaluate a function that returns its only value, and widen its extremes."""
+    """Evaluate a function that returns its only value, and widen its extremes, or count its changes of sign."""
     velocities = v
     if HAS_OWN_STEP > 0:
         velocities = VELOCITIES(p, 0)
@@ -114,19 +114,6 @@ def returned(t, u, v, p, out, low, high, t_low, t_high):
     for lane in range(LANES):
         out[lane] = FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane))
     WIDEN(out, t, low, high, t_low, t_high)
-
-
-def looked(t, u, v, p, out, low, high, t_low, t_high):
-    """Evaluate the function of an event, as `returned` with `count_changes`, but in one loop."""
-    velocities, changed = v, 0
-    if HAS_OWN_STEP > 0:
-        velocities = VELOCITIES(p, 0)
-        rescale(v, STEPS(p, 0), velocities)
-    for lane in range(LANES):
-        g = FUNCTION(TIME(t, p, lane), STATE(u, lane), STATE(velocities, lane), PARAMS(p, lane))
-        out[lane] = g
-        changed += not g * low[lane] >= 0
-    high[0] = changed
 
 
 def written(t, u, v, p, out, low, high, t_low, t_high):
@@ -343,8 +330,7 @@ def compile_quantity(
     """
     names = {"VALUES": view(shape[0], layout.lanes)} if shape else {}
     names["WIDEN"] = count_changes if is_event else widen
-    of_value = looked if is_event else returned
-    return compile_template(written if shape else of_value, function, layout, _QUANTITY.args, is_checked, names)
+    return compile_template(written if shape else returned, function, layout, _QUANTITY.args, is_checked, names)
 
 
 def compile_template(

@@ -176,13 +176,13 @@ def start_lane(watch, lane, y, h):
                 y[2 + k][place] = past[k]
 
 
-def search_lane(place, alone_place, of_steps, lane, i, u, v):
+def search_lane(of_look, of_alone, of_steps, lane, i, u, v):
     """Search the step of a lane to step index i, and return the outcome, which is PASSED if the lane is lost.
 
-    The look is at the address `place`, and the look of a single run at `alone_place`. u and v are the rows of the block
-    at the end of the step. The state after a reset, and its acceleration, are in the rows of the single run.
+    The look, the look of a single run and the steps are at the addresses. u and v are the rows of the block at the end
+    of the step. The state after a reset, and its acceleration, are in the rows of the single run.
     """
-    look, steps = _look_at(place), steps_at(of_steps)
+    look, steps = _look_at(of_look), steps_at(of_steps)
     watch, follow = look.watch, look.follow
     if watch.may_search == 0:
         leave_lane(watch, lane, LOST)
@@ -201,7 +201,7 @@ def search_lane(place, alone_place, of_steps, lane, i, u, v):
             ends[LOW, j], ends[HIGH, j] = math.inf, -math.inf
     mine[LOGGED], mine[EVALUATIONS] = first, 0.0
     t = watch.t0 + i * h
-    outcome = SEARCH(watch.rhs, alone_place, mine, watch.t0, watch.t0 + (i - 1) * h, t, n, watch.p)
+    outcome = SEARCH(watch.rhs, of_alone, mine, watch.t0, watch.t0 + (i - 1) * h, t, n, watch.p)
     if outcome != PASSED and outcome != RESET and outcome != TERMINAL:
         leave_lane(watch, lane, LOST)
         return PASSED
