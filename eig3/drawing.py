@@ -149,6 +149,7 @@ def plane(
     paths: Mapping[str, Sequence[np.ndarray]],
     labels: tuple[str, str] = ("x (m)", "y (m)"),
     fixed: str = "",
+    aspect: str = "equal",
 ) -> Any:
     """Add a picture of paths in a plane, each (x, y) by its name; `fixed` is the name of the body at the origin.
 
@@ -156,7 +157,7 @@ def plane(
     -------
     matplotlib.axes.Axes
     """
-    axes = picture(figure, aspect="equal")
+    axes = picture(figure, aspect=aspect)
     for k, (name, (x, y)) in enumerate(paths.items()):
         path(axes, x, y, f"C{k}", name)
     if fixed:

@@ -82,7 +82,7 @@ def yielding_frame(
         h=2e-4,
         outputs={"moments": link_forces(problem), "rotations": link_stretches(problem)},
         view=view,
-        draw=partial(draw, view=view),
+        draw=partial(draw, view=view, of_column=of_column, of_beam=of_beam),
     )
 
 
@@ -96,7 +96,7 @@ def joint(level: int, line: int) -> str:
     return f"{level}{'ABCD'[line]}"
 
 
-def draw(figure, solution, view):
+def draw(figure, solution, view, of_column, of_beam):
     plastic = 1e3 * solution.z["elastic plastic"]
     rotations = np.abs(plastic).max(axis=0)
     sway = [solution.labels.names.index(f"{joint(level, 0)}.ux") for level in range(1, STOREYS + 1)]
@@ -111,6 +111,19 @@ def draw(figure, solution, view):
     drifts = 100 * np.diff(solution.u[:, sway], axis=1, prepend=0)[:, [0, 2, 4]] / STOREY
     names = ["storey 1", "storey 3", "storey 5"]
     drawing.lines(drawing.time_panel(figure, "drift of the storey\n(% of its height)"), solution.t, drifts, names)
-    chosen = {"column A at the ground": ["0A-1A", "rz_start"], "beam AB, floor 1": ["1A-1B", "rz_start"]}
-    columns = [ends.index(each) for each in chosen.values()]
+    chosen = {"column A at the ground": ("0A-1A", of_column), "beam AB, floor 1": ("1A-1B", of_beam)}
+    columns = [ends.index([member, "rz_start"]) for member, _ in chosen.values()]
     drawing.lines(drawing.time_panel(figure, "plastic rotation\n(mrad)"), solution.t, plastic[:, columns], [*chosen])
+    loops = {}
+    for (name, (member, of_end)), k in zip(chosen.items(), columns, strict=True):
+        turned = solution.u[:, solution.labels.names.index(f"{member}.rz_start")]
+        if name.startswith("beam"):  # the joint turns too
+            turned = turned - solution.u[:, solution.labels.names.index(f"{member[:2]}.rz")]
+        loops[name] = 1e3 * turned, 1e-3 * moment_of(of_end, turned, 1e-3 * plastic[:, k])
+    drawing.plane(figure, loops, ("rotation of the hinge (mrad)", "moment of the hinge (kN m)"), aspect="auto")
+
+
+def moment_of(of_end, rotation, plastic):
+    """Return the moment of a hinge, as `ElasticPlastic` describes it."""
+    middle, half = of_end.hardening * of_end.stiffness * rotation, (1 - of_end.hardening) * of_end.yield_force
+    return np.clip(of_end.stiffness * (rotation - plastic), middle - half, middle + half)

@@ -256,7 +256,7 @@ def test_factors_of_a_mass_solve_in_place(directions):
     M = check_mass(scipy.sparse.kron(one, scipy.sparse.eye_array(directions)), None).matrix
     assert copies_in(M) == directions
     found = factors(M[::directions][:, ::directions])
-    assert {*np.diff(found.panels[:, 0])} == {1, 2, 3, 4}
+    assert {*np.diff(found.panels[:, 0])} == {1, 2, 4}
     b = rng.normal(size=40 * directions)
     x = b.copy()
     solution(directions)(*found, x)

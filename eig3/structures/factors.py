@@ -20,7 +20,7 @@ from ..kernels.compile.source import Writer, define
 from .products import EDGES
 
 _SAME = 1e-14  # largest relative difference of the masses of two directions
-_WIDTHS = 4, 3, 2, 1  # of panels
+_WIDTHS = 4, 2, 1  # of panels; a width of 3 too would save 2 % of a solve, and compile for half as long again
 _FILLED = 1.5  # largest ratio of stored entries to nonzeros in a panel
 
 
