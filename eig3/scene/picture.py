@@ -196,11 +196,17 @@ def _solids(cloud: Cloud) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[Sol
     for centre, *vectors in bodies.values():
         if centre in held and centre not in cloud.bodies.shapes:
             continue
-        first = len(cloud.masses) + len(corners)
         half = np.sqrt(3 * cloud.masses[vectors] / cloud.masses[centre])
-        kind, axes = cloud.bodies.shapes.get(centre, ("box", np.diag(half)))
-        corners += [(np.array([centre, *vectors]), np.array([1.0, *factors])) for factors in axes]
-        solids.append(Solid(kind, (centre, *range(first, first + len(vectors))), centre in cloud.bodies.shapes))
+        plain = [("box", np.zeros(len(vectors)), np.diag(half))]
+        for kind, middle, axes in cloud.bodies.shapes.get(centre, plain):
+            parts = np.array([centre, *vectors])
+            first = centre
+            if middle.any():
+                first = len(cloud.masses) + len(corners)
+                corners.append((parts, np.array([1.0, *middle])))
+            numbers = len(cloud.masses) + len(corners) + np.arange(len(vectors))
+            corners += [(parts, np.array([1.0, *factors])) for factors in middle + axes]
+            solids.append(Solid(kind, (first, *numbers.tolist()), centre in cloud.bodies.shapes))
     return corners, solids
 
 
