@@ -252,8 +252,8 @@ class _Reader:
         is_known &= is_ordered and "free" not in kinds and np.linalg.matrix_rank(slides) == len(slides)
         if not (is_known or kinds == ["free"]):
             self._elements.refuse(
-                f"the joints {', '.join(kinds)} in {named}, instead of slides and then a ball, a hinge, two hinges that "
-                "cross, or three hinges at right angles in one point"
+                f"the joints {', '.join(kinds)} in {named}, instead of slides and then a ball, a hinge, two hinges "
+                "that cross, or three hinges at right angles in one point"
             )
         for joint in joints:
             if joint.kind == "hinge" and len(turning) > 1:
@@ -282,7 +282,7 @@ class _Reader:
         start, end = elements.numbers(values, "fromto", count=6).reshape(2, 3)
         half = np.linalg.norm(end - start) / 2
         radii = size[:1].repeat(2 if values.get("type") in ("box", "ellipsoid") else 1)
-        return Pose((start + end) / 2, elements.along(end - start)), np.append(radii, half)
+        return Pose((start + end) / 2, elements.along(start - end)), np.append(radii, half)
 
     def _add_geom(
         self, element: Element, of: str, body: int, outer: Pose, default: str, has_mass: bool = False

@@ -177,7 +177,7 @@ class Elements:
     def name(self, element: Element) -> str:
         """Return the words for an element in errors."""
         given = element.get("name")
-        return f"{element.tag} {given!r}" if given else f"a {element.tag}"
+        return f"{element.tag} {given!r}" if given else f"{'an' if element.tag[0] in 'aeiou' else 'a'} {element.tag}"
 
     def numbers(self, values: Mapping[str, str], key: str, default: str = "", count: int = 0) -> np.ndarray:
         """Return the numbers of an attribute, which must be `count` if it is given."""

@@ -125,10 +125,11 @@ def read_mechanism(kind: type, path: Path, ignore: Collection[str]) -> FileOfMec
         except ValueError as error:
             raise ValueError(f"{path} has the body {body.name!r}, for which {error}") from None
         moving.append(found)
-        local = [(shape, found._local(x - centre), found._local(axes)) for shape, x, axes in body.shapes]
-        scene._bodies.shapes[int(found.centre.numbers)] = [
-            (shape, x @ found.principal, axes @ found.principal) for shape, x, axes in local
-        ]
+        if body.shapes:
+            scene._bodies.shapes[int(found.centre.numbers)] = [
+                (shape, found._local(x - centre) @ found.principal, found._local(axes) @ found.principal)
+                for shape, x, axes in body.shapes
+            ]
         _join(found, _numbered(moving, body.parent), body.joints)
         for joint in body.joints:
             _add_laws(table, moving, number, joint)
