@@ -31,6 +31,9 @@ class Geometry:
         The triangles of sheets and the tetrahedra of solids, each kind in one array.
     bodies : ndarray of int, shape (bodies, 1 + dimension)
         The numbers of the centre of each rigid body, and of the points that represent its axes as unit vectors.
+    surfaces : dict of int to (ndarray, ndarray of int)
+        For the rows in `bodies` of bodies with a given shape: points on the surface as factors of the vectors, m, shape
+        (corners, dimension), and the triangles between them, shape (triangles, 3).
     vectors : sequence of int
         The numbers of the points that represent vectors: no places.
     fixed : sequence of int
@@ -53,6 +56,7 @@ class Geometry:
     strings: Any = ()
     cells: Any = ()
     bodies: Any = ()
+    surfaces: Any = ()
     vectors: Any = ()
     fixed: Any = ()
     masses: Any = ()

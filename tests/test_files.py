@@ -11,6 +11,7 @@ import MDAnalysis
 import meshio
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import eig3
 from eig3.cli import main
@@ -240,6 +241,39 @@ def test_vtk_reads_both_files_of_paraview(mixed, tmp_path):
         single.SetFileName(str(tmp_path / f"run/run_{k:02d}.vtu"))
         single.Update()
         np.testing.assert_array_equal(vtk_to_numpy(single.GetOutput().GetPoints().GetData()), mesh.points)
+
+
+def test_bodies_have_their_given_shapes(tmp_path):
+    """Triangles with the area of the shape, turned outwards; a polyhedron of 24 sides has up to 2 % less."""
+    radius, length, sides = 0.2, 0.6, np.array([0.2, 0.3, 0.4])
+    shapes = {
+        ("capsule", (radius, length)): 2 * np.pi * radius * (length + 2 * radius),
+        ("cylinder", (radius, length)): 2 * np.pi * radius * (length + radius),
+        ("sphere", radius): 4 * np.pi * radius**2,
+        ("box", tuple(sides)): 2 * (sides[0] * sides[1] + sides[1] * sides[2] + sides[2] * sides[0]),
+    }
+    scene = Scene(dimension=3)
+    turn = {"rotation": (0.1, 0.2, 0.3, 0.9), "angular_velocity": (1.0, 2.0, 3.0)}
+    inertia = [(0.3, 0.02, 0.01), (0.02, 0.2, 0.03), (0.01, 0.03, 0.25)]
+    bodies = [scene.body(1.0, inertia, (2 * k, 0, 0), **turn, shape=shape) for k, shape in enumerate(shapes)]
+    plain = scene.body(1.0, inertia, (8, 0, 0))
+    problem = scene.problem((0, 0.5))
+    solution = problem.integrate(h=0.01, save_every=25)
+    mesh = meshio.read(problem.export(solution, tmp_path / "run.pvd").with_suffix("") / "run_2.vtu")
+    (box,), cells = mesh.cells_dict["hexahedron"], mesh.cells_dict["triangle"]
+    np.testing.assert_allclose(mesh.points[box].mean(axis=0), plain.centre.positions(solution.u[-1]), atol=1e-14)
+    a, b, c = np.moveaxis(mesh.points[cells], 1, 0)
+    for body, (shape, area) in zip(bodies, shapes.items(), strict=True):
+        centre = body.centre.positions(solution.u[-1])
+        near = np.abs((a - centre)[:, 0]) < 0.9
+        normals = np.cross(b - a, c - a)[near] / 2
+        assert 0.98 * area < np.linalg.norm(normals, axis=1).sum() < area * (1 + 1e-12)
+        volume = ((a - centre)[near] * normals).sum() / 3
+        assert volume > 0.3 * area * sides[0] / 2  # the faces are at least this far from the centre
+        if shape[0] == "capsule":
+            local = (a[near] - centre) @ Rotation.from_quat(body.rotation(solution.u[-1])).as_matrix()
+            beyond = np.maximum(np.abs(local[:, 2]) - length / 2, 0)
+            np.testing.assert_allclose(np.hypot(np.hypot(*local[:, :2].T), beyond), radius, rtol=1e-9)
 
 
 def test_frames_and_views_have_points(tmp_path):

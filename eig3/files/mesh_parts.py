@@ -8,7 +8,7 @@ import numpy as np
 
 from .trajectory import Snapshot, Trajectory, wrapped
 
-_OF_BODIES = {4: "quad", 8: "hexahedron"}  # by the number of corners
+_OF_BODIES = {3: "triangle", 4: "quad", 8: "hexahedron"}  # by the number of corners
 _OF_CELLS = {3: "triangle", 4: "tetra"}
 
 
@@ -19,9 +19,9 @@ class MeshParts:
     Attributes
     ----------
     points : ndarray, shape (points, 3)
-        The corners of the boxes of rigid bodies follow the points of the trajectory.
+        The corners of rigid bodies follow the points of the trajectory.
     cells : list of (str, ndarray of int, shape (cells, corners))
-        With the names of meshio: single points, links, triangles, tetrahedra and the boxes of bodies.
+        With the names of meshio: single points, links, triangles, tetrahedra and the surfaces or boxes of bodies.
     data : dict of str to ndarray, shape (points, 3)
         The data that change.
     """
@@ -43,16 +43,13 @@ class Cells:
     def __init__(self, trajectory: Trajectory, types: np.ndarray) -> None:
         self._trajectory = trajectory
         self._start = trajectory.at(0)
-        bodies, corners = self._start.corners.shape[:2]
-        self._extra = bodies * corners
+        self._extra = len(self._start.corners)
         numbers = np.unique(types, return_inverse=True)[1] + 1 if types.dtype.kind == "U" else types
         columns = {"mass": trajectory.masses, "radius": trajectory.radii, "type": numbers}
         columns["id"] = np.arange(1, trajectory.count + 1)
         self.constant = {name: self._extended(column) for name, column in columns.items() if column is not None}
         found = [(_OF_CELLS[cells.shape[1]], cells) for cells in trajectory.cells]
-        if bodies:
-            boxes = trajectory.count + np.arange(self._extra).reshape(bodies, corners)
-            found.append((_OF_BODIES[corners], boxes))
+        found += [(_OF_BODIES[cells.shape[1]], trajectory.count + cells) for cells in trajectory.solids]
         used = np.concatenate([trajectory.links.ravel(), *(cells.ravel() for cells in trajectory.cells)])
         single = np.setdiff1d(np.arange(trajectory.count), used)
         self._fixed = [("vertex", single[:, None])] * bool(single.size) + found
@@ -64,7 +61,7 @@ class Cells:
         cells = [(kind, some[self._is_inside(some, images)]) for kind, some in self._fixed]
         links = trajectory.links[snapshot.whole & self._is_inside(trajectory.links, images)]
         cells += [("line", links)] * bool(links.size)
-        points = np.concatenate([x, snapshot.corners.reshape(-1, 3)])
+        points = np.concatenate([x, snapshot.corners])
         return MeshParts(points, [(kind, some) for kind, some in cells if some.size], self._data(snapshot))
 
     def _is_inside(self, cells: np.ndarray, images: np.ndarray) -> np.ndarray:
@@ -79,7 +76,7 @@ class Cells:
         moved = snapshot.x - start.x, snapshot.corners - start.corners
         known = {"velocity": (snapshot.v, snapshot.corner_v), "displacement": moved}
         data = {
-            name: np.concatenate([values, np.reshape(of_corners, (-1, 3))])
+            name: np.concatenate([values, of_corners])
             for name, (values, of_corners) in known.items()
             if values is not None
         }

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..animation import Mechanism, Solid
+from ..animation import Mechanism, Solid, triangles
+from ..animation.shapes import unit_faces
 from ..geometry import Geometry
 from .assembly import STATE, Bodies, Cloud
 from .cell import Cell
@@ -119,6 +120,7 @@ def geometry_and_view(
     order = list(links)
     drawn = [k for k, ends in enumerate(order) if not inside.issuperset(ends)]
     places = Places(cloud.positions, cloud.free, upright, cloud.bodies, moves(placed), cloud.spins.shape[1], corners)
+    bodies = _bodies(cloud)
     geometry = Geometry(
         places=places.points,
         velocities=places.velocities,
@@ -126,7 +128,8 @@ def geometry_and_view(
         links=np.array(order, dtype=int).reshape(-1, 2),
         strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
         cells=cells,
-        bodies=_bodies(cloud),
+        bodies=bodies,
+        surfaces=_surfaces(cloud, bodies),
         vectors=cloud.bodies.vectors,
         fixed=np.flatnonzero(cloud.free < 0),
         masses=np.where(cloud.is_carried, 0.0, cloud.masses),
@@ -226,6 +229,29 @@ def _bodies(cloud: Cloud) -> np.ndarray:
     dimension, numbers = cloud.positions.shape[1], cloud.bodies.numbers
     order = sorted(numbers, key=lambda point: (numbers[point], point in cloud.bodies.vectors, point))
     return np.array(order, dtype=int).reshape(-1, 1 + dimension)
+
+
+def _surfaces(cloud: Cloud, bodies: np.ndarray) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Return the corners and triangles of the shapes that are given, by the row of the body: see `Geometry`."""
+    found = {}
+    for row, centre in enumerate(bodies[:, 0].tolist()):
+        corners, faces = [], []
+        for kind, middle, axes in cloud.bodies.shapes.get(centre, ()):
+            places = unit_faces(kind, axes) @ axes + middle
+            flat = places.reshape(-1, places.shape[-1])
+            unit = _ROUND_OFF * 1e3 * np.abs(flat).max()
+            _, first, number = np.unique(np.round(flat / unit), axis=0, return_index=True, return_inverse=True)
+            some = triangles(number.reshape(places.shape[:2]))
+            some = some[(some != np.roll(some, 1, axis=1)).all(axis=1)]  # others are flat, at the poles of round shapes
+            a, b, c = np.moveaxis(flat[first][some] - middle, 1, 0)
+            if len(middle) == 3:
+                is_inward = np.einsum("fk,fk->f", np.cross(a, b), c) < 0
+                some[is_inward] = some[is_inward, ::-1]
+            faces.append(some + sum(map(len, corners)))
+            corners.append(flat[first])
+        if corners:
+            found[row] = np.concatenate(corners), np.concatenate(faces)
+    return found
 
 
 def moves(placed: Sequence[Placed]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:
