@@ -43,6 +43,9 @@ class Geometry:
         the coordinate along it over the mass, kg m^2. Empty if they are not known.
     radii : sequence of float, shape (points,)
         m; 0 for points without contact. Empty if no point has a radius.
+    contacts : callable, optional
+        ``contacts(t, x, v)`` returns the pairs of points that push each other, and their normal forces, N, from the
+        positions of all points inside the box and their velocities, shape (points, dimension). It needs SciPy.
     box : sequence of float, shape (2 or 3,)
         The sides of the periodic box, m; 0 along an axis that is not periodic. Empty without a box.
     shear : float
@@ -61,5 +64,6 @@ class Geometry:
     fixed: Any = ()
     masses: Any = ()
     radii: Any = ()
+    contacts: Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
     box: Any = ()
     shear: float = 0.0

@@ -156,6 +156,45 @@ def test_grains_have_radii_and_spins(tmp_path):
         assert not frame.arrays["angular_velocity"][:, :2].any()
 
 
+def test_grains_have_force_chains(tmp_path):
+    """Without friction, the normal forces of grains and walls are the masses times the accelerations, to round-off.
+
+    Two more grains touch across a side of the box: they have no line.
+    """
+    scene = Scene(dimension=2, box=(3.0, None))
+    radii = np.array([0.1, 0.2, 0.15, 0.1])
+    x = np.array([(0.5, 0.0), (0.79, 0.0), (0.75, 0.34), (2.95, 0.5)])
+    grains = scene.mass(2.0, x, [(0, 0), (-0.5, 0.1), (0.2, 0.3), (0, 0)], inertia=0.01)
+    walls = scene.fixed([(0.5, -0.19), (0.05, 0.5)])
+    contact = {"E": 1e6, "nu": 0.3, "friction": 0.0, "restitution": 0.6}
+    scene.add(HertzMindlin(**contact, radii=radii), grains)
+    scene.add(HertzMindlin(**contact, contact_distance=radii + 0.1, wall_radius=0.1), grains, others=walls)
+    problem = scene.problem((0, 1e-6))
+    solution = problem.integrate(h=1e-6)
+    path = problem.export(solution, tmp_path / "run.pvd", scale=10.0)
+    _, meshes = states(path)
+    mesh = next(iter(meshes))
+    kind, pairs = mesh.cells[-1].type, mesh.cells[-1].data
+    *without, forces = mesh.cell_data["normal_force"]
+    assert kind == "line"
+    assert not np.any(np.concatenate(without))
+    assert sorted(map(tuple, np.sort(pairs).tolist())) == [(0, 1), (0, 4), (1, 2)]
+    total = np.zeros((6, 3))
+    way = mesh.points[pairs[:, 1]] - mesh.points[pairs[:, 0]]
+    each = forces[:, None] * way / np.linalg.norm(way, axis=1, keepdims=True)
+    np.add.at(total, pairs[:, 1], each)
+    np.add.at(total, pairs[:, 0], -each)
+    a = np.zeros(problem.u0.size)
+    problem.rhs(0.0, problem.u0, problem.v0, problem.params, a)
+    expected = np.column_stack([a[:4], a[4:8]])[:3]
+    np.testing.assert_allclose(total[:3, :2] / 2.0, expected, rtol=0, atol=1e-12 * abs(expected).max())
+    with h5py.File(problem.export(solution, tmp_path / "run.vtkhdf")) as file:
+        root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
+        begin, cells = int(steps["CellDataOffsets/normal_force"][0]), int(root["NumberOfCells"][0])
+        np.testing.assert_array_equal(root["CellData/normal_force"][begin : begin + cells][-len(forces) :], forces)
+        assert int(steps["CellDataOffsets/normal_force"][1]) == cells
+
+
 def states(path):
     """Return the times and meshes of a collection."""
     sets = ET.parse(path).getroot().iter("DataSet")

@@ -68,7 +68,8 @@ def check_export(geometry: Geometry | None, path: Path, name: str) -> Geometry:
             f"{name} has no points in space to write: build it as a scene or a frame, or give it a view of its points "
             "with problem.with_(view=eig3.animation.Mechanism(places))."
         )
-    for module in FORMATS[path.suffix][1:]:
+    of_contacts = ["scipy.spatial"] * (geometry.contacts is not None and path.suffix in (".pvd", ".vtkhdf"))
+    for module in (*FORMATS[path.suffix][1:], *of_contacts):
         library(module, path.suffix)
     return geometry
 

@@ -24,11 +24,14 @@ class MeshParts:
         With the names of meshio: single points, links, triangles, tetrahedra and the surfaces or boxes of bodies.
     data : dict of str to ndarray, shape (points, 3)
         The data that change.
+    cell_data : dict of str to list of ndarray, shape (cells,)
+        The normal force of contacts, and 0 for other cells, by the elements of `cells`.
     """
 
     points: np.ndarray
     cells: list[tuple[str, np.ndarray]]
     data: dict[str, np.ndarray]
+    cell_data: dict[str, list[np.ndarray]]
 
 
 class Cells:
@@ -61,8 +64,13 @@ class Cells:
         cells = [(kind, some[self._is_inside(some, images)]) for kind, some in self._fixed]
         links = trajectory.links[snapshot.whole & self._is_inside(trajectory.links, images)]
         cells += [("line", links)] * bool(links.size)
-        points = np.concatenate([x, snapshot.corners])
-        return MeshParts(points, [(kind, some) for kind, some in cells if some.size], self._data(snapshot))
+        cells = [(kind, some) for kind, some in cells if some.size]
+        points, cell_data = np.concatenate([x, snapshot.corners]), {}
+        if trajectory.has_contacts:
+            pairs, forces = trajectory.contacts(snapshot.row)
+            cell_data["normal_force"] = [np.zeros(len(some)) for _, some in cells] + [forces] * bool(forces.size)
+            cells += [("line", pairs)] * bool(forces.size)
+        return MeshParts(points, cells, self._data(snapshot), cell_data)
 
     def _is_inside(self, cells: np.ndarray, images: np.ndarray) -> np.ndarray:
         """Whether all corners of each cell are in the same image of the box. Bodies are in no box."""

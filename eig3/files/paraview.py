@@ -28,7 +28,8 @@ def opened(path: Path, trajectory: Trajectory, types: np.ndarray) -> Iterator[Ca
     def write(snapshot: Snapshot) -> None:
         parts = cells.of(snapshot)
         file = folder / f"{folder.name}_{len(entries):0{digits}d}.vtu"
-        meshio.Mesh(parts.points, parts.cells, point_data=parts.data | cells.constant).write(file)
+        data = {"point_data": parts.data | cells.constant, "cell_data": parts.cell_data}
+        meshio.Mesh(parts.points, parts.cells, **data).write(file)
         name = quoteattr(f"{folder.name}/{file.name}")
         entries.append(f'    <DataSet timestep="{snapshot.t:.17g}" file={name}/>\n')
 

@@ -17,6 +17,8 @@ class Snapshot:
 
     Attributes
     ----------
+    row : int
+        Of the solution.
     t : float
     step : int
         The number of the step; with tolerances, the number of the row.
@@ -31,6 +33,7 @@ class Snapshot:
         The edges of the periodic box as rows, with unit vectors along axes that are not periodic.
     """
 
+    row: int
     t: float
     step: int
     x: np.ndarray
@@ -72,7 +75,7 @@ class Trajectory:
         self._geometry, self._solution, self._scale, self._every = geometry, solution, scale, every
         x = self._of_row(geometry.places, 0, "u")
         self._material = np.setdiff1d(np.arange(len(x)), geometry.vectors)
-        number = np.full(len(x), -1)
+        self._number = number = np.full(len(x), -1)
         number[self._material] = np.arange(len(self._material))
         self.count = len(self._material)
         self.links = number[np.asarray(geometry.links, dtype=int).reshape(-1, 2)]
@@ -109,6 +112,7 @@ class Trajectory:
             spin = np.zeros((len(of_points), 3))
             spin[:, -of_points.shape[1] :] = of_points  # in the plane about z
         return Snapshot(
+            row=row,
             t=t,
             step=row if solution.steps is not None else round((t - float(solution.t[0])) / solution.h),
             x=x[self._material],
@@ -119,6 +123,20 @@ class Trajectory:
             whole=self._whole(row),
             lattice=self._lattice(t),
         )
+
+    @property
+    def has_contacts(self) -> bool:
+        return self._geometry.contacts is not None
+
+    def contacts(self, row: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pairs of points that push each other, and their normal forces, N."""
+        geometry, t = self._geometry, float(self._solution.t[row])
+        assert geometry.contacts is not None
+        assert geometry.velocities is not None
+        x, v = self._of_row(geometry.places, row, "u"), self._of_row(geometry.velocities, row, "v")
+        inside, _ = wrapped(x, self._lattice(t) / self._scale, self.periodic)
+        pairs, forces = geometry.contacts(t, inside, v)
+        return self._number[pairs], forces
 
     def _of_row(self, function: Any, row: int, letter: str) -> np.ndarray:
         """Return positions or velocities of all points, shape (points, 3)."""

@@ -15,6 +15,7 @@ from .assembly import STATE, Bodies, Cloud
 from .cell import Cell
 from .constraint import Constraint
 from .effect import Body, Link, Motion, arguments
+from .force_chains import ForceChains
 from .mesh import surface
 from .pair_force import PairForce
 from .placed import Placed
@@ -134,6 +135,7 @@ def geometry_and_view(
         fixed=np.flatnonzero(cloud.free < 0),
         masses=np.where(cloud.is_carried, 0.0, cloud.masses),
         radii=radii,
+        contacts=ForceChains.of(cloud, placed, pair_forces) if dimension > 1 else None,
         box=_box(cloud.box, upright),
         shear=cloud.shear,
     )
