@@ -410,6 +410,7 @@ def test_bad_exports_are_refused(atoms, tmp_path, monkeypatch):
             source.export(run, tmp_path / name, **options)
 
     fails(ValueError, r"path must end with \.extxyz, .*, not 'run.xyz'", "run.xyz")
+    fails(ValueError, r"path must end with \.vtkhdf or \.pvd, .* not with \.xdmf: 'run\.xdmf'", "run.xdmf")
     fails(FileNotFoundError, "create .*nowhere' first", "nowhere/run.dump")
     fails(ValueError, r"types must be one for all points, or have the shape \(64,\)", types=[1, 2])
     fails(ValueError, "types must be words without spaces", types="an atom")
@@ -424,6 +425,26 @@ def test_bad_exports_are_refused(atoms, tmp_path, monkeypatch):
     for module, name in (("meshio", "run.pvd"), ("h5py", "run.vtkhdf"), ("MDAnalysis", "run.dcd")):
         monkeypatch.setitem(__import__("sys").modules, module, None)
         fails(ImportError, rf"files need {module}: pip install 'eig3\[files\]'", name)
+
+
+def test_no_states_of_an_earlier_run_are_left(tmp_path):
+    """Other files in the folder stay."""
+    problem = double_pendulum()
+    run = problem.integrate(h=0.01, t_end=0.2)
+    folder = problem.export(run, tmp_path / "run.pvd").with_suffix("")
+    (folder / "run_notes.vtu").write_text("other")
+    path = problem.export(run, tmp_path / "run.pvd", every=3)
+    listed = [x.get("file") for x in ET.parse(path).getroot().iter("DataSet")]
+    assert len(listed) == 7
+    assert {f"run/{file.name}" for file in folder.iterdir()} == {*listed, "run/run_notes.vtu"}
+
+
+def test_the_command_line_saves_dcd_at_equal_times(tmp_path, monkeypatch):
+    """A run of 21 steps of which every second is saved would end at another distance in time."""
+    monkeypatch.setattr("eig3.run_report._STATES", 10)
+    path = tmp_path / "run.dcd"
+    assert main(["run", "double_pendulum", "--t-end", "0.21", "--h", "0.01", "--out", str(path)]) == 0
+    assert path.is_file()
 
 
 def test_the_command_line_writes_a_file(tmp_path, capsys):

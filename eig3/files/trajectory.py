@@ -157,7 +157,8 @@ class Trajectory:
         masses, given = np.asarray(self._geometry.masses, dtype=float), dict(self._geometry.surfaces)
         around = [(-1, -1), (1, -1), (1, 1), (-1, 1)]  # the order of the corners in a quadrilateral or hexahedron
         signs = np.array(around if kinds == 2 else [(*s, z) for z in (-1, 1) for s in around])
-        rows, factors, cells = [], [np.empty((0, kinds))], []
+        rows: list[int] = []
+        factors, cells = [np.empty((0, kinds))], []
         for row, (centre, *vectors) in enumerate(self._bodies.tolist()):
             half = np.sqrt(3 * masses[vectors] / masses[centre])
             corners, some = given.get(row, (signs * half, np.arange(len(signs))[None]))

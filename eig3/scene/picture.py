@@ -237,7 +237,8 @@ def _surfaces(cloud: Cloud, bodies: np.ndarray) -> dict[int, tuple[np.ndarray, n
     """Return the corners and triangles of the shapes that are given, by the row of the body: see `Geometry`."""
     found = {}
     for row, centre in enumerate(bodies[:, 0].tolist()):
-        corners, faces = [], []
+        corners: list[np.ndarray] = []
+        faces: list[np.ndarray] = []
         for kind, middle, axes in cloud.bodies.shapes.get(centre, ()):
             places = unit_faces(kind, axes) @ axes + middle
             flat = places.reshape(-1, places.shape[-1])
@@ -249,7 +250,7 @@ def _surfaces(cloud: Cloud, bodies: np.ndarray) -> dict[int, tuple[np.ndarray, n
             if len(middle) == 3:
                 is_inward = np.einsum("fk,fk->f", np.cross(a, b), c) < 0
                 some[is_inward] = some[is_inward, ::-1]
-            faces.append(some + sum(map(len, corners)))
+            faces.append(some + sum(len(places) for places in corners))
             corners.append(flat[first])
         if corners:
             found[row] = np.concatenate(corners), np.concatenate(faces)
