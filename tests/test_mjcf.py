@@ -286,3 +286,21 @@ def test_geoms_touch_by_the_rules_of_mujoco(tmp_path):
             continue
         mine.add(frozenset(pair))
     assert mine == theirs
+
+
+def test_motors_are_checked(tmp_path):
+    found, _ = both(tmp_path, FOUR_BAR.format(spring=0.01))
+    with pytest.raises(ValueError, match="motor must be one of motor, not 'crank'"):
+        found.drive("crank", 1.0)
+    with pytest.raises(TypeError, match="control must be a number, or a jitted function of t, or of t, q and rate"):
+        found.drive("motor", lambda t: t)
+    found.drive("motor", 1.0)
+    with pytest.raises(ValueError, match="motor 'motor' has a control already"):
+        found.drive("motor", 2.0)
+    with pytest.raises(ValueError, match=r"ignore must have names of actuator, .*, not 'friction'"):
+        Scene.read(tmp_path / "model.xml", ignore=("friction",))
+    with pytest.raises(ValueError, match="leave out dimension and units"):
+        Scene.read(tmp_path / "model.xml", length=1e-3)
+    (tmp_path / "atoms.xyz").write_text("1\n\nAr 0 0 0\n")
+    with pytest.raises(ValueError, match=r"ignore is for mechanisms of MuJoCo, with the ending \.xml"):
+        Scene.read(tmp_path / "atoms.xyz", ignore=("contact",))

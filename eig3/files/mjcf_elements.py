@@ -29,7 +29,7 @@ _NAMED = f"name class childclass pos group user {_ORIENTATIONS}"
 _KNOWN = {
     "compiler": "angle autolimits eulerseq inertiafromgeom inertiagrouprange alignfree assetdir conflict discardvisual "
     "fitaabb fusestatic meshdir passthrough savecanonical savecompiled saveinertial strippath texturedir usethread",
-    "option": "gravity timestep actuatorgroupdisable apirate ccd_iterations ccd_tolerance collision cone impratio "
+    "option": "gravity timestep apirate ccd_iterations ccd_tolerance collision cone impratio "
     "integrator iterations jacobian ls_iterations ls_tolerance magnetic mpr_iterations mpr_tolerance noslip_iterations "
     "noslip_tolerance o_friction o_margin o_solimp o_solref sdf_initpoints sdf_iterations sleep_tolerance solver "
     "tolerance density viscosity wind",
@@ -51,7 +51,13 @@ _KNOWN = {
 }
 
 #: The values of other attributes that leave the motion as it is.
-_NEUTRAL = {"balanceinertia": "false", "coordinate": "local", "shellinertia": "false"}
+_NEUTRAL = {
+    "actuatorgroupdisable": "",
+    "balanceinertia": "false",
+    "coordinate": "local",
+    "settotalmass": "-1",
+    "shellinertia": "false",
+}
 
 #: Attributes that may be left out, and by which name.
 _OMITTED = {
@@ -237,8 +243,7 @@ class Elements:
     def _is_neutral(self, key: str, value: str) -> bool:
         if key in _NEUTRAL:
             return value == _NEUTRAL[key]
-        words = value.split()
-        return all(word.replace(".", "").strip("-0") == "" for word in words) or (key, value) == ("settotalmass", "-1")
+        return not value.replace(".", "").replace(" ", "").strip("-0")
 
     def _add_defaults(self, element: Element, inherited: dict[str, dict[str, str]]) -> None:
         own = {kind: dict(values) for kind, values in inherited.items()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +76,7 @@ class FileOfMechanism:
     timestep: float
     _table: MechanismTable
     _moving: list[RigidBody]
+    _driven: set[str] = field(default_factory=set)
 
     def drive(self, motor: str, control: float | Callable) -> None:
         """Give a motor its control. Without a control, a motor has no torque or force.
@@ -92,12 +93,15 @@ class FileOfMechanism:
         Raises
         ------
         TypeError, ValueError
-            If the file has no such motor, or the control is neither a finite number nor such a function.
+            If the file has no such motor, the motor has a control, or the control is no finite number and no such
+            function.
         """
         found = self._table.motors.get(motor)
         if found is None:
             known = f"one of {', '.join(self.motors)}" if self.motors else "left out: the file has none"
             raise ValueError(f"motor must be {known}, not {motor!r}.")
+        if motor in self._driven:
+            raise ValueError(f"motor {motor!r} has a control already: read the file again for another.")
         if callable(control):
             if not hasattr(control, "py_func") or arguments(control) not in (("t",), ("t", "q", "rate")):
                 raise TypeError("control must be a number, or a jitted function of t, or of t, q and rate.")
@@ -106,9 +110,9 @@ class FileOfMechanism:
         else:
             value = float(reals(control, "control"))
             law = steady, found.gear * float(np.clip(value, found.low, found.high)), -_UNLIMITED, _UNLIMITED
-        self.scene.add(
-            _LAWS[found.joint.kind][2](*law), *_coordinate(self._table, self._moving, found.body, found.joint)
-        )
+        self._driven.add(motor)
+        places = _coordinate(self._table, self._moving, found.body, found.joint)
+        self.scene.add(_LAWS[found.joint.kind][2](*law), *places)
 
 
 def read_mechanism(kind: type, path: Path, ignore: Collection[str]) -> FileOfMechanism:

@@ -91,7 +91,7 @@ def read(
     is_lammps = path.suffix in _LAMMPS or path.name.startswith("data.")
     if style is not None and not is_lammps:
         raise ValueError(f"style is for data files of LAMMPS, with the ending {' or '.join(_LAMMPS)}.")
-    if path.suffix == ".xml":
+    if path.suffix == ".xml" and b"<mujoco" in path.read_bytes():  # meshes may have this ending too
         if dimension != 3 or tuple(units) != (1.0, 1.0, 1.0):
             raise ValueError("a mechanism of MuJoCo has 3 dimensions, and its units: leave out dimension and units.")
         return read_mechanism(kind, path, ignore)
