@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, islice
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
@@ -367,8 +367,8 @@ class _Reader:
         self.table.motors[name] = Motor(body, found, gear, float(low), float(high))
 
     def _check_contacts(self) -> None:
-        """Note the geoms that may touch, by the rules of MuJoCo."""
-        elements, bodies = self._elements, self.table.bodies
+        """Note the first geoms that may touch."""
+        elements = self._elements
         excluded = set()
         for element in elements.inside("contact"):
             if element.tag == "exclude":
@@ -376,11 +376,16 @@ class _Reader:
                 excluded.add(frozenset((values["body1"], values["body2"])))
             else:
                 elements.omit("contact", f"of {element.get('geom1')!r} and {element.get('geom2')!r}")
+        for a, b in islice(self._touching(excluded), 2):
+            elements.omit("contact", f"of {a.name} and {b.name}")
+
+    def _touching(self, excluded: set[frozenset[str]]) -> Iterator[tuple[_Collider, _Collider]]:
+        """Yield the pairs of geoms that may touch, by the rules of MuJoCo."""
+        bodies = self.table.bodies
         for a, b in combinations(self._colliders, 2):
             may_touch = (a.types & b.affinity) | (b.types & a.affinity)
             if not may_touch or a.body == b.body or frozenset((a.of, b.of)) in excluded:
                 continue
             parents = [(x.body, bodies[y.body].parent) for x, y in ((a, b), (b, a)) if GROUND not in (x.body, y.body)]
-            is_filtered = "filterparent" not in elements.disabled and any(x == parent for x, parent in parents)
-            if not is_filtered:
-                elements.omit("contact", f"of {a.name} and {b.name}")
+            if "filterparent" in self._elements.disabled or all(x != parent for x, parent in parents):
+                yield a, b
