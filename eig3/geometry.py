@@ -31,6 +31,9 @@ class Geometry:
         The triangles of sheets and the tetrahedra of solids, each kind in one array.
     bodies : ndarray of int, shape (bodies, 1 + dimension)
         The numbers of the centre of each rigid body, and of the points that represent its axes as unit vectors.
+    surfaces : dict of int to (ndarray, ndarray of int)
+        For the rows in `bodies` of bodies with a given shape: points on the surface as factors of the vectors, m, shape
+        (corners, dimension), and the triangles between them, shape (triangles, 3).
     vectors : sequence of int
         The numbers of the points that represent vectors: no places.
     fixed : sequence of int
@@ -40,6 +43,9 @@ class Geometry:
         the coordinate along it over the mass, kg m^2. Empty if they are not known.
     radii : sequence of float, shape (points,)
         m; 0 for points without contact. Empty if no point has a radius.
+    contacts : callable, optional
+        ``contacts(t, x, v)`` returns the pairs of points that push each other, and their normal forces, N, from the
+        positions of all points inside the box and their velocities, shape (points, dimension). It needs SciPy.
     box : sequence of float, shape (2 or 3,)
         The sides of the periodic box, m; 0 along an axis that is not periodic. Empty without a box.
     shear : float
@@ -53,9 +59,11 @@ class Geometry:
     strings: Any = ()
     cells: Any = ()
     bodies: Any = ()
+    surfaces: Any = ()
     vectors: Any = ()
     fixed: Any = ()
     masses: Any = ()
     radii: Any = ()
+    contacts: Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
     box: Any = ()
     shear: float = 0.0

@@ -620,9 +620,9 @@ class Problem:
         Notes
         -----
         The points come from `geometry`, or from `view` if that is an `eig3.animation.Mechanism`. Meshes have the links
-        as lines, the triangles and tetrahedra of sheets and solids, and for each rigid body the box with its mass and
-        inertia. Positions in a periodic box are wrapped, with image flags in ".dump"; in ".extxyz" and ".dcd" they are
-        as in the solution.
+        as lines, the triangles and tetrahedra of sheets and solids, for each rigid body the surface of its shape, or
+        the box with its mass and inertia, and for each contact a line with the normal force. Positions in a periodic
+        box are wrapped, with image flags in ".dump"; in ".extxyz" and ".dcd" they are as in the solution.
         """
         from .files import export
 

@@ -106,7 +106,10 @@ def run(
     def steps(problem: Problem) -> dict[str, Any]:
         if accuracy is not None:
             return {"accuracy": accuracy, "method": method, "t_eval": _even_times(problem)}
-        return _steps(problem, h, rtol, method)
+        given = _steps(problem, h, rtol, method)
+        if export is not None and export.suffix == ".dcd" and given.pop("save_every", 1) > 1:
+            given["t_eval"] = _even_times(problem)  # a last state that does not follow at an equal time is refused
+        return given
 
     if (animate or show is not None) and h is not None:
         _check_film(problem, check_h(h), "eig3" if method is None else method)

@@ -11,6 +11,7 @@ import MDAnalysis
 import meshio
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import eig3
 from eig3.cli import main
@@ -155,6 +156,45 @@ def test_grains_have_radii_and_spins(tmp_path):
         assert not frame.arrays["angular_velocity"][:, :2].any()
 
 
+def test_grains_have_force_chains(tmp_path):
+    """Without friction, the normal forces of grains and walls are the masses times the accelerations, to round-off.
+
+    Two more grains touch across a side of the box: they have no line.
+    """
+    scene = Scene(dimension=2, box=(3.0, None))
+    radii = np.array([0.1, 0.2, 0.15, 0.1])
+    x = np.array([(0.5, 0.0), (0.79, 0.0), (0.75, 0.34), (2.95, 0.5)])
+    grains = scene.mass(2.0, x, [(0, 0), (-0.5, 0.1), (0.2, 0.3), (0, 0)], inertia=0.01)
+    walls = scene.fixed([(0.5, -0.19), (0.05, 0.5)])
+    contact = {"E": 1e6, "nu": 0.3, "friction": 0.0, "restitution": 0.6}
+    scene.add(HertzMindlin(**contact, radii=radii), grains)
+    scene.add(HertzMindlin(**contact, contact_distance=radii + 0.1, wall_radius=0.1), grains, others=walls)
+    problem = scene.problem((0, 1e-6))
+    solution = problem.integrate(h=1e-6)
+    path = problem.export(solution, tmp_path / "run.pvd", scale=10.0)
+    _, meshes = states(path)
+    mesh = next(iter(meshes))
+    kind, pairs = mesh.cells[-1].type, mesh.cells[-1].data
+    *without, forces = mesh.cell_data["normal_force"]
+    assert kind == "line"
+    assert not np.any(np.concatenate(without))
+    assert sorted(map(tuple, np.sort(pairs).tolist())) == [(0, 1), (0, 4), (1, 2)]
+    total = np.zeros((6, 3))
+    way = mesh.points[pairs[:, 1]] - mesh.points[pairs[:, 0]]
+    each = forces[:, None] * way / np.linalg.norm(way, axis=1, keepdims=True)
+    np.add.at(total, pairs[:, 1], each)
+    np.add.at(total, pairs[:, 0], -each)
+    a = np.zeros(problem.u0.size)
+    problem.rhs(0.0, problem.u0, problem.v0, problem.params, a)
+    expected = np.column_stack([a[:4], a[4:8]])[:3]
+    np.testing.assert_allclose(total[:3, :2] / 2.0, expected, rtol=0, atol=1e-12 * abs(expected).max())
+    with h5py.File(problem.export(solution, tmp_path / "run.vtkhdf")) as file:
+        root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
+        begin, cells = int(steps["CellDataOffsets/normal_force"][0]), int(root["NumberOfCells"][0])
+        np.testing.assert_array_equal(root["CellData/normal_force"][begin : begin + cells][-len(forces) :], forces)
+        assert int(steps["CellDataOffsets/normal_force"][1]) == cells
+
+
 def states(path):
     """Return the times and meshes of a collection."""
     sets = ET.parse(path).getroot().iter("DataSet")
@@ -240,6 +280,39 @@ def test_vtk_reads_both_files_of_paraview(mixed, tmp_path):
         single.SetFileName(str(tmp_path / f"run/run_{k:02d}.vtu"))
         single.Update()
         np.testing.assert_array_equal(vtk_to_numpy(single.GetOutput().GetPoints().GetData()), mesh.points)
+
+
+def test_bodies_have_their_given_shapes(tmp_path):
+    """Triangles with the area of the shape, turned outwards; a polyhedron of 24 sides has up to 2 % less."""
+    radius, length, sides = 0.2, 0.6, np.array([0.2, 0.3, 0.4])
+    shapes = {
+        ("capsule", (radius, length)): 2 * np.pi * radius * (length + 2 * radius),
+        ("cylinder", (radius, length)): 2 * np.pi * radius * (length + radius),
+        ("sphere", radius): 4 * np.pi * radius**2,
+        ("box", tuple(sides)): 2 * (sides[0] * sides[1] + sides[1] * sides[2] + sides[2] * sides[0]),
+    }
+    scene = Scene(dimension=3)
+    turn = {"rotation": (0.1, 0.2, 0.3, 0.9), "angular_velocity": (1.0, 2.0, 3.0)}
+    inertia = [(0.3, 0.02, 0.01), (0.02, 0.2, 0.03), (0.01, 0.03, 0.25)]
+    bodies = [scene.body(1.0, inertia, (2 * k, 0, 0), **turn, shape=shape) for k, shape in enumerate(shapes)]
+    plain = scene.body(1.0, inertia, (8, 0, 0))
+    problem = scene.problem((0, 0.5))
+    solution = problem.integrate(h=0.01, save_every=25)
+    mesh = meshio.read(problem.export(solution, tmp_path / "run.pvd").with_suffix("") / "run_2.vtu")
+    (box,), cells = mesh.cells_dict["hexahedron"], mesh.cells_dict["triangle"]
+    np.testing.assert_allclose(mesh.points[box].mean(axis=0), plain.centre.positions(solution.u[-1]), atol=1e-14)
+    a, b, c = np.moveaxis(mesh.points[cells], 1, 0)
+    for body, (shape, area) in zip(bodies, shapes.items(), strict=True):
+        centre = body.centre.positions(solution.u[-1])
+        near = np.abs((a - centre)[:, 0]) < 0.9
+        normals = np.cross(b - a, c - a)[near] / 2
+        assert 0.98 * area < np.linalg.norm(normals, axis=1).sum() < area * (1 + 1e-12)
+        volume = ((a - centre)[near] * normals).sum() / 3
+        assert volume > 0.3 * area * sides[0] / 2  # the faces are at least this far from the centre
+        if shape[0] == "capsule":
+            local = (a[near] - centre) @ Rotation.from_quat(body.rotation(solution.u[-1])).as_matrix()
+            beyond = np.maximum(np.abs(local[:, 2]) - length / 2, 0)
+            np.testing.assert_allclose(np.hypot(np.hypot(*local[:, :2].T), beyond), radius, rtol=1e-9)
 
 
 def test_frames_and_views_have_points(tmp_path):
@@ -337,6 +410,7 @@ def test_bad_exports_are_refused(atoms, tmp_path, monkeypatch):
             source.export(run, tmp_path / name, **options)
 
     fails(ValueError, r"path must end with \.extxyz, .*, not 'run.xyz'", "run.xyz")
+    fails(ValueError, r"path must end with \.vtkhdf or \.pvd, .* not with \.xdmf: 'run\.xdmf'", "run.xdmf")
     fails(FileNotFoundError, "create .*nowhere' first", "nowhere/run.dump")
     fails(ValueError, r"types must be one for all points, or have the shape \(64,\)", types=[1, 2])
     fails(ValueError, "types must be words without spaces", types="an atom")
@@ -351,6 +425,26 @@ def test_bad_exports_are_refused(atoms, tmp_path, monkeypatch):
     for module, name in (("meshio", "run.pvd"), ("h5py", "run.vtkhdf"), ("MDAnalysis", "run.dcd")):
         monkeypatch.setitem(__import__("sys").modules, module, None)
         fails(ImportError, rf"files need {module}: pip install 'eig3\[files\]'", name)
+
+
+def test_no_states_of_an_earlier_run_are_left(tmp_path):
+    """Other files in the folder stay."""
+    problem = double_pendulum()
+    run = problem.integrate(h=0.01, t_end=0.2)
+    folder = problem.export(run, tmp_path / "run.pvd").with_suffix("")
+    (folder / "run_notes.vtu").write_text("other")
+    path = problem.export(run, tmp_path / "run.pvd", every=3)
+    listed = [x.get("file") for x in ET.parse(path).getroot().iter("DataSet")]
+    assert len(listed) == 7
+    assert {f"run/{file.name}" for file in folder.iterdir()} == {*listed, "run/run_notes.vtu"}
+
+
+def test_the_command_line_saves_dcd_at_equal_times(tmp_path, monkeypatch):
+    """A run of 21 steps of which every second is saved would end at another distance in time."""
+    monkeypatch.setattr("eig3.run_report._STATES", 10)
+    path = tmp_path / "run.dcd"
+    assert main(["run", "double_pendulum", "--t-end", "0.21", "--h", "0.01", "--out", str(path)]) == 0
+    assert path.is_file()
 
 
 def test_the_command_line_writes_a_file(tmp_path, capsys):

@@ -135,10 +135,10 @@ def surface(solid: Solid, x: np.ndarray) -> np.ndarray:
     """
     centre, *ends = solid.points
     axes = x[:, ends] - x[:, [centre]]
-    return x[:, None, None, centre] + np.einsum("fck,tkd->tfcd", _unit_faces(solid.kind, axes[0]), axes)
+    return x[:, None, None, centre] + np.einsum("fck,tkd->tfcd", unit_faces(solid.kind, axes[0]), axes)
 
 
-def _unit_faces(kind: str, axes: np.ndarray) -> np.ndarray:
+def unit_faces(kind: str, axes: np.ndarray) -> np.ndarray:
     """Return the faces of a body in units of its semi-axes, shape (faces, corners, dimension)."""
     turn = np.linspace(0, 2 * np.pi, _ROUND, endpoint=False)
     if len(axes) == 2:

@@ -1,4 +1,4 @@
-"""Files of other programs: runs as trajectories and meshes, and scenes from the data of atoms and meshes."""
+"""Files of other programs: runs as trajectories and meshes, and the data of atoms, meshes and mechanisms."""
 
 from .export import export
 

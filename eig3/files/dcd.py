@@ -25,8 +25,6 @@ def opened(path: Path, trajectory: Trajectory, types: np.ndarray) -> Iterator[Ca
     libdcd = library("MDAnalysis.lib.formats.libdcd", path.suffix)
     triclinic_box = library("MDAnalysis.lib.mdamath", path.suffix).triclinic_box
     dt = _even_time(trajectory.times)
-    if trajectory.periodic.any() and not trajectory.periodic.all():
-        raise ValueError("a .dcd file needs a box with three periodic axes or none: write .extxyz or .dump instead.")
     is_periodic = bool(trajectory.periodic.any())
 
     def write(snapshot: Snapshot) -> None:

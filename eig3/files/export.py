@@ -59,6 +59,10 @@ def export(
 
 def check_export(geometry: Geometry | None, path: Path, name: str) -> Geometry:
     """Return the geometry, or raise an error if a problem with it cannot be written to this path."""
+    if path.suffix == ".xdmf":
+        raise ValueError(
+            f"path must end with .vtkhdf or .pvd, which ParaView reads, and not with .xdmf: {path.name!r}."
+        )
     if path.suffix not in FORMATS:
         raise ValueError(f"path must end with {', '.join(FORMATS)}, not {path.name!r}.")
     if not path.parent.is_dir():
@@ -68,7 +72,10 @@ def check_export(geometry: Geometry | None, path: Path, name: str) -> Geometry:
             f"{name} has no points in space to write: build it as a scene or a frame, or give it a view of its points "
             "with problem.with_(view=eig3.animation.Mechanism(places))."
         )
-    for module in FORMATS[path.suffix][1:]:
+    if path.suffix == ".dcd" and np.count_nonzero(geometry.box) not in (0, 3):
+        raise ValueError("a .dcd file needs a box with three periodic axes or none: write .extxyz or .dump instead.")
+    of_contacts = ["scipy.spatial"] * (geometry.contacts is not None and path.suffix in (".pvd", ".vtkhdf"))
+    for module in (*FORMATS[path.suffix][1:], *of_contacts):
         library(module, path.suffix)
     return geometry
 

@@ -1,4 +1,4 @@
-"""Import the libraries of the extra "files" when they are used."""
+"""Import the libraries of extras when they are used."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import importlib
 from typing import Any
 
 
-def library(module: str, ending: str) -> Any:
+def library(module: str, ending: str, extra: str = "files") -> Any:
     """Return a module, or raise an ImportError that names the extra."""
     try:
         return importlib.import_module(module)
     except ImportError:
         package = module.partition(".")[0]
-        raise ImportError(f"{ending} files need {package}: pip install 'eig3[files]'.") from None
+        raise ImportError(f"{ending} files need {package}: pip install 'eig3[{extra}]'.") from None

@@ -17,20 +17,23 @@ class Snapshot:
 
     Attributes
     ----------
+    row : int
+        Of the solution.
     t : float
     step : int
         The number of the step; with tolerances, the number of the row.
     x : ndarray, shape (points, 3)
     v, spin : ndarray, shape (points, 3), or None
         Velocities and angular velocities, if they are known.
-    corners, corner_v : ndarray, shape (bodies, corners, 3)
-        The corners of the boxes of rigid bodies, and their velocities.
+    corners, corner_v : ndarray, shape (corners, 3)
+        The corners of rigid bodies, and their velocities.
     whole : ndarray of bool, shape (links,)
         Whether each link is unbroken.
     lattice : ndarray, shape (3, 3)
         The edges of the periodic box as rows, with unit vectors along axes that are not periodic.
     """
 
+    row: int
     t: float
     step: int
     x: np.ndarray
@@ -63,6 +66,8 @@ class Trajectory:
     is_fixed : ndarray of bool, shape (points,)
     links, cells
         As in `Geometry`, with the numbers of the points that are left.
+    solids : list of ndarray of int, shape (cells, corners)
+        The numbers of corners that make the triangles of given shapes, and the boxes of other bodies.
     periodic : ndarray of bool, shape (3,)
     """
 
@@ -70,7 +75,7 @@ class Trajectory:
         self._geometry, self._solution, self._scale, self._every = geometry, solution, scale, every
         x = self._of_row(geometry.places, 0, "u")
         self._material = np.setdiff1d(np.arange(len(x)), geometry.vectors)
-        number = np.full(len(x), -1)
+        self._number = number = np.full(len(x), -1)
         number[self._material] = np.arange(len(self._material))
         self.count = len(self._material)
         self.links = number[np.asarray(geometry.links, dtype=int).reshape(-1, 2)]
@@ -82,7 +87,7 @@ class Trajectory:
         self._sides[: len(geometry.box)] = scale * np.asarray(geometry.box, dtype=float)
         self.periodic = self._sides > 0
         self._bodies = np.asarray(geometry.bodies, dtype=int)
-        self._halves, self._signs = self._boxes()
+        self._rows, self._factors, self.solids = self._shapes()
 
     def __len__(self) -> int:
         return len(range(0, len(self._solution.t), self._every))
@@ -107,6 +112,7 @@ class Trajectory:
             spin = np.zeros((len(of_points), 3))
             spin[:, -of_points.shape[1] :] = of_points  # in the plane about z
         return Snapshot(
+            row=row,
             t=t,
             step=row if solution.steps is not None else round((t - float(solution.t[0])) / solution.h),
             x=x[self._material],
@@ -118,6 +124,20 @@ class Trajectory:
             lattice=self._lattice(t),
         )
 
+    @property
+    def has_contacts(self) -> bool:
+        return self._geometry.contacts is not None
+
+    def contacts(self, row: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pairs of points that push each other, and their normal forces, N."""
+        geometry, t = self._geometry, float(self._solution.t[row])
+        assert geometry.contacts is not None
+        assert geometry.velocities is not None
+        x, v = self._of_row(geometry.places, row, "u"), self._of_row(geometry.velocities, row, "v")
+        inside, _ = wrapped(x, self._lattice(t) / self._scale, self.periodic)
+        pairs, forces = geometry.contacts(t, inside, v)
+        return self._number[pairs], forces
+
     def _of_row(self, function: Any, row: int, letter: str) -> np.ndarray:
         """Return positions or velocities of all points, shape (points, 3)."""
         values = np.reshape(getattr(self._solution, letter)[row], (1, -1))
@@ -127,23 +147,34 @@ class Trajectory:
     def _column(self, values: Any) -> np.ndarray | None:
         return np.asarray(values, dtype=float)[self._material] if np.any(values) else None
 
-    def _boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return half the sides of the boxes with the mass and inertia of the bodies, and the signs of their corners.
+    def _shapes(self) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+        """Return the body of each corner, its factors of the vectors of the body, and the cells between corners.
 
-        A box of mass m and side a has the integral of x^2 over its mass m a^2 / 12.
+        A body without a given shape is a box with its mass and inertia: a box of mass m and side a has the integral of
+        x^2 over its mass m a^2 / 12.
         """
         kinds = self._bodies.shape[1] - 1 if self._bodies.size else 0
-        masses = np.asarray(self._geometry.masses, dtype=float)
-        halves = np.sqrt(3 * masses[self._bodies[:, 1:]] / masses[self._bodies[:, :1]]) if kinds else np.empty((0, 0))
+        masses, given = np.asarray(self._geometry.masses, dtype=float), dict(self._geometry.surfaces)
         around = [(-1, -1), (1, -1), (1, 1), (-1, 1)]  # the order of the corners in a quadrilateral or hexahedron
         signs = np.array(around if kinds == 2 else [(*s, z) for z in (-1, 1) for s in around])
-        return halves, signs
+        rows: list[int] = []
+        factors, cells = [np.empty((0, kinds))], []
+        for row, (centre, *vectors) in enumerate(self._bodies.tolist()):
+            half = np.sqrt(3 * masses[vectors] / masses[centre])
+            corners, some = given.get(row, (signs * half, np.arange(len(signs))[None]))
+            cells.append(some + len(rows))
+            rows += [row] * len(corners)
+            factors.append(corners)
+        sizes = sorted({some.shape[1] for some in cells})
+        joined = [np.concatenate([some for some in cells if some.shape[1] == size]) for size in sizes]
+        return np.array(rows, dtype=int), np.concatenate(factors), joined
 
     def _corners(self, x: np.ndarray) -> np.ndarray:
-        if not self._bodies.size:
-            return np.empty((0, 0, 3))
-        # x is scaled, and so are the unit vectors in it; their half sides are not
-        return x[self._bodies[:, :1]] + np.einsum("ck,bk,bkd->bcd", self._signs, self._halves, x[self._bodies[:, 1:]])
+        if not self._rows.size:
+            return np.empty((0, 3))
+        of = self._bodies[self._rows]
+        # x is scaled, and so are the unit vectors in it; the factors are not
+        return x[of[:, 0]] + np.einsum("nk,nkd->nd", self._factors, x[of[:, 1:]])
 
     def _whole(self, row: int) -> np.ndarray:
         whole = np.ones(len(self.links), dtype=bool)

@@ -61,6 +61,9 @@ class _Grid:
         offsets = dict.fromkeys(parts.data, self._points) | dict.fromkeys(self._constant, 0)
         numbers: dict[str, Any] = {"Values": t, "NumberOfParts": 1, "PointOffsets": self._points}
         numbers |= {f"PointDataOffsets/{name}": offset for name, offset in offsets.items()}
+        for name, of_cells in parts.cell_data.items():
+            numbers[f"CellDataOffsets/{name}"] = len(self._data.get(f"CellData/{name}", ()))
+            self._append(f"CellData/{name}", np.concatenate(of_cells))
         numbers |= {"PartOffsets": self._place["PartOffsets"]} | {name: [self._place[name]] for name in self._after}
         for name, number in numbers.items():
             self._steps[name].append(number)

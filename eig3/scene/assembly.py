@@ -50,9 +50,9 @@ class Bodies(NamedTuple):
         By the number of a centre or a vector: the number of its body, in the order in which the bodies were added.
     joints : dict of int to str
         For the first point of each constraint of a joint, the name of the joint, such as "revolute joint 0".
-    shapes : dict of int to (str, ndarray)
-        For the centre of a body with a given shape, the kind of the shape, and the factors of the vectors that lead to
-        a point on its surface along each axis, as rows.
+    shapes : dict of int to list of (str, ndarray, ndarray)
+        For the centre of a body with given shapes, the kind of each shape, and the factors of the vectors that lead to
+        its middle, and from there to a point on its surface along each axis, as rows.
     """
 
     vectors: list[int]
@@ -60,7 +60,7 @@ class Bodies(NamedTuple):
     plates: list[list[int]]
     numbers: dict[int, int]
     joints: dict[int, str]
-    shapes: dict[int, tuple[Any, np.ndarray]]
+    shapes: dict[int, list[tuple[Any, np.ndarray, np.ndarray]]]
 
     @classmethod
     def none(cls) -> Bodies:

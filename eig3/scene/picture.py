@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from ..animation import Mechanism, Solid
+from ..animation import Mechanism, Solid, triangles
+from ..animation.shapes import unit_faces
 from ..geometry import Geometry
 from .assembly import STATE, Bodies, Cloud
 from .cell import Cell
 from .constraint import Constraint
 from .effect import Body, Link, Motion, arguments
+from .force_chains import ForceChains
 from .mesh import surface
 from .pair_force import PairForce
 from .placed import Placed
@@ -119,6 +121,7 @@ def geometry_and_view(
     order = list(links)
     drawn = [k for k, ends in enumerate(order) if not inside.issuperset(ends)]
     places = Places(cloud.positions, cloud.free, upright, cloud.bodies, moves(placed), cloud.spins.shape[1], corners)
+    bodies = _bodies(cloud)
     geometry = Geometry(
         places=places.points,
         velocities=places.velocities,
@@ -126,11 +129,13 @@ def geometry_and_view(
         links=np.array(order, dtype=int).reshape(-1, 2),
         strings={k: strings[ends] for k, ends in enumerate(order) if links[ends] == "string"},
         cells=cells,
-        bodies=_bodies(cloud),
+        bodies=bodies,
+        surfaces=_surfaces(cloud, bodies),
         vectors=cloud.bodies.vectors,
         fixed=np.flatnonzero(cloud.free < 0),
         masses=np.where(cloud.is_carried, 0.0, cloud.masses),
         radii=radii,
+        contacts=ForceChains.of(cloud, placed, pair_forces) if dimension > 1 else None,
         box=_box(cloud.box, upright),
         shear=cloud.shear,
     )
@@ -196,11 +201,17 @@ def _solids(cloud: Cloud) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[Sol
     for centre, *vectors in bodies.values():
         if centre in held and centre not in cloud.bodies.shapes:
             continue
-        first = len(cloud.masses) + len(corners)
         half = np.sqrt(3 * cloud.masses[vectors] / cloud.masses[centre])
-        kind, axes = cloud.bodies.shapes.get(centre, ("box", np.diag(half)))
-        corners += [(np.array([centre, *vectors]), np.array([1.0, *factors])) for factors in axes]
-        solids.append(Solid(kind, (centre, *range(first, first + len(vectors))), centre in cloud.bodies.shapes))
+        plain = [("box", np.zeros(len(vectors)), np.diag(half))]
+        for kind, middle, axes in cloud.bodies.shapes.get(centre, plain):
+            parts = np.array([centre, *vectors])
+            first = centre
+            if middle.any():
+                first = len(cloud.masses) + len(corners)
+                corners.append((parts, np.array([1.0, *middle])))
+            numbers = len(cloud.masses) + len(corners) + np.arange(len(vectors))
+            corners += [(parts, np.array([1.0, *factors])) for factors in middle + axes]
+            solids.append(Solid(kind, (first, *numbers.tolist()), centre in cloud.bodies.shapes))
     return corners, solids
 
 
@@ -220,6 +231,30 @@ def _bodies(cloud: Cloud) -> np.ndarray:
     dimension, numbers = cloud.positions.shape[1], cloud.bodies.numbers
     order = sorted(numbers, key=lambda point: (numbers[point], point in cloud.bodies.vectors, point))
     return np.array(order, dtype=int).reshape(-1, 1 + dimension)
+
+
+def _surfaces(cloud: Cloud, bodies: np.ndarray) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Return the corners and triangles of the shapes that are given, by the row of the body: see `Geometry`."""
+    found = {}
+    for row, centre in enumerate(bodies[:, 0].tolist()):
+        corners: list[np.ndarray] = []
+        faces: list[np.ndarray] = []
+        for kind, middle, axes in cloud.bodies.shapes.get(centre, ()):
+            places = unit_faces(kind, axes) @ axes + middle
+            flat = places.reshape(-1, places.shape[-1])
+            unit = _ROUND_OFF * 1e3 * np.abs(flat).max()
+            _, first, number = np.unique(np.round(flat / unit), axis=0, return_index=True, return_inverse=True)
+            some = triangles(number.reshape(places.shape[:2]))
+            some = some[(some != np.roll(some, 1, axis=1)).all(axis=1)]  # others are flat, at the poles of round shapes
+            a, b, c = np.moveaxis(flat[first][some] - middle, 1, 0)
+            if len(middle) == 3:
+                is_inward = np.einsum("fk,fk->f", np.cross(a, b), c) < 0
+                some[is_inward] = some[is_inward, ::-1]
+            faces.append(some + sum(len(places) for places in corners))
+            corners.append(flat[first])
+        if corners:
+            found[row] = np.concatenate(corners), np.concatenate(faces)
+    return found
 
 
 def moves(placed: Sequence[Placed]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:

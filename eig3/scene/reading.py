@@ -1,8 +1,8 @@
-"""Scenes from files of atoms and meshes."""
+"""Scenes from files of atoms, meshes and mechanisms."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from ..files.atoms import AtomTable, read_with_ase
 from ..files.lammps_data import read_lammps_data
 from ..files.meshes import MeshTable, read_mesh
 from .description import Description, Points
+from .mechanism import FileOfMechanism, read_mechanism
 
 _WITH_ASE = (".xyz", ".extxyz", ".pdb")
 _LAMMPS = (".data", ".lmp", ".lammps")
@@ -76,14 +77,26 @@ class FileOfMesh:
 
 
 def read(
-    kind: type, path: Path, dimension: int, periodic: bool | Sequence[bool], units: Sequence[float], style: str | None
-) -> FileOfAtoms | FileOfMesh:
+    kind: type,
+    path: Path,
+    dimension: int,
+    periodic: bool | Sequence[bool],
+    units: Sequence[float],
+    style: str | None,
+    ignore: Collection[str],
+) -> FileOfAtoms | FileOfMesh | FileOfMechanism:
     """Read a file, as `Scene.read` describes it; `units` are of length, mass and time."""
     if any(not (np.ndim(x) == 0 and np.isfinite(x) and x > 0) for x in units):
         raise ValueError("length, mass and time must be positive numbers: the units of the file in the scene's units.")
     is_lammps = path.suffix in _LAMMPS or path.name.startswith("data.")
     if style is not None and not is_lammps:
         raise ValueError(f"style is for data files of LAMMPS, with the ending {' or '.join(_LAMMPS)}.")
+    if path.suffix == ".xml" and b"<mujoco" in path.read_bytes():  # meshes may have this ending too
+        if dimension != 3 or tuple(units) != (1.0, 1.0, 1.0):
+            raise ValueError("a mechanism of MuJoCo has 3 dimensions, and its units: leave out dimension and units.")
+        return read_mechanism(kind, path, ignore)
+    if ignore:
+        raise ValueError("ignore is for mechanisms of MuJoCo, with the ending .xml.")
     if not (is_lammps or path.suffix in _WITH_ASE):
         return _with_mesh(kind, read_mesh(path), path, dimension, units[0])
     if dimension != 3:

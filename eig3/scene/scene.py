@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -64,14 +64,15 @@ class Scene(Description):
         mass: float = 1.0,
         time: float = 1.0,
         style: str | None = None,
+        ignore: Collection[str] = (),
     ) -> Any:
-        """Read the atoms or the mesh of a file into a new scene. Effects are added afterwards.
+        """Read the atoms, the mesh or the mechanism of a file into a new scene. Effects are added afterwards.
 
         Parameters
         ----------
         path : str or path
             A data file of LAMMPS (".data", ".lmp", ".lammps" or "data.*"), atoms that ASE reads (".xyz", ".extxyz",
-            ".pdb"), or a mesh that meshio reads (".msh", ".inp", ".vtu" and others).
+            ".pdb"), a mechanism of MuJoCo (".xml"), or a mesh that meshio reads (".msh", ".inp", ".vtu" and others).
         dimension : {2, 3}
             Of the scene of a mesh.
         periodic : bool or sequence of bool, shape (3,)
@@ -80,6 +81,9 @@ class Scene(Description):
             The units of the file in the units of the scene, such as ``length=1e-10`` for Ångström.
         style : str, optional
             The style of the atoms of LAMMPS, such as "full", if the file does not name it.
+        ignore : collection of str
+            What a mechanism of MuJoCo has and the scene leaves out, such as ``("contact", "range")``. Without it, the
+            error names everything that would change the motion.
 
         Returns
         -------
@@ -88,19 +92,22 @@ class Scene(Description):
             `types`, `charges`, `radii` and `coefficients`.
         FileOfMesh
             For a mesh: `scene`, `positions`, `cells`, `groups` of points and `cell_groups`.
+        FileOfMechanism
+            For a mechanism: `scene`, `bodies` and `sites` by name, `motors` and `drive`, and `timestep`. The scene has
+            its joints, constraints and gravity.
 
         Raises
         ------
         ValueError
             If the file has something that a scene does not support, such as a tilted box. The error names it.
         ImportError
-            If ASE or meshio is not installed: ``pip install 'eig3[files]'``.
+            If ASE or meshio is not installed: ``pip install 'eig3[files]'``; or SciPy, for mechanisms.
         OSError
             If the file cannot be read.
         """
         from .reading import read
 
-        return read(cls, Path(path), dimension, periodic, (length, mass, time), style)
+        return read(cls, Path(path), dimension, periodic, (length, mass, time), style, ignore)
 
     def body(
         self,
@@ -163,7 +170,8 @@ class Scene(Description):
         vectors = Axes(self, self.mass(squares, axes, rates).numbers)
         if solid is not None:
             kind, semi_axes = solid
-            self._bodies.shapes[int(centre.numbers)] = kind, np.diag(semi_axes) @ principal
+            middle = np.zeros(self.dimension)
+            self._bodies.shapes[int(centre.numbers)] = [(kind, middle, np.diag(semi_axes) @ principal)]
         self._bodies.vectors.extend(vectors.numbers.tolist())
         self._bodies.plates.extend(plates(squares, vectors.numbers))
         number = 1 + max(self._bodies.numbers.values(), default=-1)
