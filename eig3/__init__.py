@@ -76,6 +76,7 @@ __all__ = [
     "Status",
     "Stepper",
     "__version__",
+    "animation",
     "critical_step",
     "effects",
     "ensemble",
@@ -100,7 +101,7 @@ __all__ = [
 
 #: The modules of names that are imported on first access, so that `import eig3` stays fast; None for a module itself.
 _LATER = {
-    **dict.fromkeys(("effects", "math", "problems", "scene", "stability", "structures")),
+    **dict.fromkeys(("animation", "effects", "math", "problems", "scene", "stability", "structures")),
     **dict.fromkeys(("noise", "white_noise"), "philox"),
     **dict.fromkeys(("Fit", "fit"), "fitting.fit"),
     **dict.fromkeys(("Sensitivities", "sensitivities"), "fitting.sensitivities"),

@@ -16,7 +16,8 @@ from eig3.functions.callbacks import check_callback
 from eig3.kernels.protocol import VECTOR
 
 ROOT = Path(__file__).parent.parent
-README_FILES = ("README.md", "bench/README.md", "eig3/OTHER_CODES.md", "eig3/diagnosis/README.md")
+README_FILES = ("README.md", "CONTRIBUTING.md", "SECURITY.md", "STABILITY.md")
+README_FILES += ("bench/README.md", "eig3/OTHER_CODES.md", "eig3/diagnosis/README.md")
 README_FILES += ("eig3/ensembles/README.md", "eig3/files/README.md")
 README_FILES += ("eig3/ensembles/STUDIES.md", "eig3/fitting/README.md", "eig3/run/README.md", "eig3/scene/README.md")
 README_FILES += ("eig3/structures/README.md", "kernels/README.md", "problems/README.md")

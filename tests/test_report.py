@@ -32,6 +32,7 @@ from eig3.bench.text import ratio as in_digits
 from eig3.cli import main
 from eig3.drawing import histories, time_panels
 
+from .conftest import ROOT
 from .test_users_report import exact, oscillator, spring
 
 pytestmark = pytest.mark.system
@@ -277,11 +278,16 @@ def damage(rng, path):
         path.write_text(json.dumps(content))
 
 
+def test_the_sample_is_small():
+    """Every clone has it: a new sample needs a smaller page, or fewer pictures."""
+    assert sum(path.stat().st_size for path in (ROOT / "bench/sample").iterdir()) < 5e6
+
+
 def test_damaged_files_are_drawn_or_refused_by_name(tmp_path, monkeypatch, capsys):
     """Pictures are left out, and so is the code of the charts: they would only take time."""
     monkeypatch.setattr(report, "draw_pictures", lambda record, files: None)
     monkeypatch.setattr(vl_convert, "javascript_bundle", lambda: "")
-    sample, whole, broken = Path(report.__file__).parent.parent / "sample", tmp_path / "whole", tmp_path / "broken"
+    sample, whole, broken = ROOT / "tests/data/report", tmp_path / "whole", tmp_path / "broken"
     names = ["precision_bouncing_ball", "plan_single_dof", "article_4", "article_5", "c"]
     whole.mkdir()
     for name in names:

@@ -39,7 +39,17 @@ PHRASES = (
 _PHRASE = re.compile(rf"\b(?:{'|'.join(PHRASES)})\b(?!-)", re.IGNORECASE)
 
 #: The parts of the project; tests, samples of reports and the record of changes are not read.
-PARTS = ("README.md", "eig3", "eig3/effects", "kernels", "problems", "bench")
+PARTS = (
+    "README.md",
+    "CONTRIBUTING.md",
+    "SECURITY.md",
+    "STABILITY.md",
+    "eig3",
+    "eig3/effects",
+    "kernels",
+    "problems",
+    "bench",
+)
 
 
 def prose(path):

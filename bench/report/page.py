@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import hashlib
 import json
 import math
@@ -80,12 +81,13 @@ def html(record: Record, comparison: Comparison | None = None) -> str:
         how_measured=how_measured(record),
         titles=TITLES,
         labels=_labels(results),
+        badges={method: f"b{i}" for i, (method, _) in enumerate(_labels(results))},
         shapes=SHAPES,
         css=Markup((_HERE / "page.css").read_text("utf-8")),
         policy=_policy(scripts),
         charts=Markup(scripts[0]),
         script=Markup(scripts[1]),
-        data=Markup(_in_script(_data(sections, record.article))),
+        data=Markup(_compressed(_data(sections, record.article))),
     )
 
 
@@ -158,8 +160,10 @@ def _labels(results: Sequence[WorkPrecisionSet]) -> list[tuple[str, str]]:
     return [(method, labels[method]) for method in in_order(labels)]
 
 
-def _in_script(data: Any) -> str:
-    return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+def _compressed(data: Any) -> str:
+    """Return data as JSON, compressed, in a string of JSON: three quarters less."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return f'"{base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode()}"'
 
 
 def _data(sections: Sequence[Section], article: Sequence[MeasuredTable]) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from .labels import Labels
 from .mapped import DamagedFileError, MappedRows, check_directory, output_files, read_mapped
 from .status import Status
 
-_VERSION = 7  # increase it with every change that another version would misread
+_VERSION = 7  # increase it with every change that another version would misread; each 1.x reads 7 and later
 _RECORD = "eig3"  # the name of the record among the arrays
 _RUN = "run.npz"  # the file with everything but the rows, in a directory of `save_to`
 _TRIALS, _PAUSE = 5, 0.02  # attempts to read or replace a file that another process uses, and the seconds between them
