@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from .effect import Link
@@ -31,7 +32,7 @@ class FrictionalContact(Link):
     }
     needs: ClassVar[tuple[str, ...]] = ("tension",)
     cutoff_field: ClassVar[str] = "contact_distance"
-    mixed: ClassVar[tuple[str, ...]] = ("contact_distance",)
+    mixed: ClassVar[tuple[str, ...] | Mapping[str, str]] = ("contact_distance",)
     picture: ClassVar[str] = "discs"
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)
 
