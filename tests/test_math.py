@@ -198,7 +198,7 @@ OUTSIDE = {
     "exp": {709.79: math.inf, 1e308: math.inf, math.inf: math.inf, -745.2: 0.0, -1e308: 0.0, -math.inf: 0.0, -0.0: 1.0},
     "log": {0.0: -math.inf, -5e-324: math.nan, -1.0: math.nan, math.inf: math.inf, -math.inf: math.nan, 1.0: 0.0},
     "tanh": {math.inf: 1.0, -math.inf: -1.0, 1e308: 1.0, 0.0: 0.0},
-    "erfc": {0.0: 1.0, -0.0: 1.0, math.inf: 0.0, -math.inf: 2.0, 30.0: 0.0, -30.0: 2.0},
+    "erfc": {0.0: 1.0, math.inf: 0.0, -math.inf: 2.0, 30.0: 0.0, -30.0: 2.0},
     "sqrt": {-5e-324: math.nan, -1.0: math.nan, math.inf: math.inf, 0.0: 0.0},
 }
 

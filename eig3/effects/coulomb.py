@@ -9,11 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
-from ..kernels.elementary import gauss_and_erfc
+from .charges import OfCharges, screened_potential_of, screened_tension_of
 from .shifted import Shifted, shifted_potential, shifted_tension
-
-
-_NO_CHARGES = "charges must be of one array of points: elsewhere, give their product with the prefactor"
 
 
 @element
@@ -58,17 +55,6 @@ def damped_potential(r, prefactor, cutoff, alpha, pull_at_cutoff, energy_at_cuto
 
 
 @element
-def screened_tension_of(r, prefactor, alpha):
-    gauss, erfc = gauss_and_erfc(alpha * r)
-    return -prefactor * (erfc / r + 2 / math.sqrt(math.pi) * alpha * gauss) / r
-
-
-@element
-def screened_potential_of(r, prefactor, alpha):
-    return prefactor * gauss_and_erfc(alpha * r)[1] / r
-
-
-@element
 def tension_of_charges(r, charges, prefactor, cutoff, alpha, pull_at_cutoff):
     return charges * shifted_tension(r, cutoff, screened_tension_of(r, prefactor, alpha), pull_at_cutoff)
 
@@ -80,7 +66,7 @@ def potential_of_charges(r, charges, prefactor, cutoff, alpha, pull_at_cutoff, e
 
 
 @dataclass(frozen=True, eq=False)
-class Coulomb(Shifted):
+class Coulomb(Shifted, OfCharges):
     """Repulsion or attraction of two point charges, with or without a cutoff.
 
     Formula: V(r) = prefactor / r, or prefactor erfc(alpha r) / r for alpha > 0. With a cutoff the energy is V(r) -
@@ -113,8 +99,8 @@ class Coulomb(Shifted):
     Notes
     -----
     Other codes: with a cutoff, the pair forces of LAMMPS ``pair_style coul/dsf alpha cutoff``, where the prefactor is
-    qqrd2e q1 q2; with charges, also its energies, and the prefactor is qqrd2e. The cutoff methods of OpenMM's ``NonbondedForce`` have a reaction field instead; give this energy to a
-    ``CustomNonbondedForce``.
+    qqrd2e q1 q2; with charges, also its energies, and the prefactor is qqrd2e. The cutoff methods of OpenMM's
+    ``NonbondedForce`` have a reaction field instead; give this energy to a ``CustomNonbondedForce``.
 
     Not included: without charges, the self energy of each charge, which ``coul/dsf`` adds: the energy of a crystal then
     differs from Madelung's sum by a constant, and the forces do not. Charges of two groups, and of links between given
@@ -146,10 +132,6 @@ class Coulomb(Shifted):
         return np.any(self.alpha)
 
     @property
-    def mixed(self):
-        return {} if self.charges is None else {"charges": "product"}
-
-    @property
     def tension(self):
         if self.charges is not None:
             return tension_of_charges
@@ -165,19 +147,11 @@ class Coulomb(Shifted):
             return damped_potential_of if self.is_damped else potential_of
         return damped_potential if self.is_damped else plain_potential
 
-    def of_groups(self, groups):
-        self.require(groups == 1 or self.charges is None, _NO_CHARGES)
-        return self
-
-    def check_points(self, masses, positions, columns):
-        self.require(self.charges is None, _NO_CHARGES)
-        super().check_points(masses, positions, columns)
-
     def self_energy(self, columns):
         if self.charges is None:
             return 0.0
         prefactor, cutoff, alpha, pull, energy = (
             float(columns[name][0]) for name in ("prefactor", "cutoff", "alpha", "pull_at_cutoff", "energy_at_cutoff")
         )
-        one = (cutoff * pull - energy) / 2 - prefactor * alpha / math.sqrt(math.pi)
-        return one * float(np.sum(columns["charges"] ** 2))
+        squares = float(np.sum(columns["charges"] ** 2))
+        return squares * ((cutoff * pull - energy) / 2 - prefactor * alpha / math.sqrt(math.pi))

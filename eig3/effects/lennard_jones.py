@@ -83,8 +83,8 @@ class LennardJones(Shifted):
     -----
     Other codes: LAMMPS ``pair_style lj/smooth/linear cutoff`` with ``pair_coeff 1 1 epsilon sigma``; HOOMD
     ``md.pair.ForceShiftedLJ``. The mixing is ``pair_modify mix arithmetic`` or ``mix geometric`` in LAMMPS, which has
-    "geometric" as its default; OpenMM's ``NonbondedForce`` has "lorentz-berthelot". OpenMM's ``NonbondedForce`` shifts no force; give this energy to a
-    ``CustomNonbondedForce``.
+    "geometric" as its default; OpenMM's ``NonbondedForce`` has "lorentz-berthelot". It shifts no force; give this
+    energy to a ``CustomNonbondedForce``.
 
     Not included: the constant and the tail correction in the energy sum of a crystal or a liquid (``pair_modify tail
     yes``): energy and pressure differ from the sum over all distances, and from ``lj/cut``. Other mixing rules: add one

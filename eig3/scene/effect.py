@@ -455,7 +455,7 @@ class Link(Effect):
             if rule not in RULES:
                 raise ValueError(f"mixed of {self.title} has the rule {rule!r} of {name}; take {', '.join(RULES)}.")
         if rules.get(self.cutoff_field, "arithmetic") != "arithmetic":
-            raise ValueError(f"mixed of {self.title} must have the rule 'arithmetic' of {self.cutoff_field}, its cutoff.")
+            raise ValueError(f"mixed of {self.title} must have the rule 'arithmetic' of its cutoff.")
 
     def mixing_rules(self) -> dict[str, str]:
         """Return the rule of each field in `mixed`."""
@@ -464,6 +464,15 @@ class Link(Effect):
     def of_groups(self, groups: int) -> Any:
         """Return the link between all near points of one group, or of two."""
         return self
+
+    def check_group(self, pair_force: Any, cloud: Any) -> None:
+        """Check that the link can act between the points of a pair force.
+
+        Raises
+        ------
+        ValueError
+            If it cannot. The error names the effect.
+        """
 
     def self_energy(self, columns: dict[str, np.ndarray]) -> float:
         """Return the part of the energy of a group that does not depend on the places of its points, J."""

@@ -285,7 +285,7 @@ def _extremes(laws: Sequence[Placed]) -> list[int]:
 
 
 def _couples(pair_forces: Sequence[PairForce]) -> np.ndarray:
-    """Return two rows of members: pairs with equal extreme values, and if values are multiplied, with different ones."""
+    """Return two rows of members, with equal extreme values, and if values are multiplied, also with different ones."""
     members = _extremes(pair_forces)
     has_products = any("product" in pair_force.effect.mixing_rules().values() for pair_force in pair_forces)
     others = list(combinations(members, 2)) if has_products else []

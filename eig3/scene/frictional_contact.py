@@ -43,6 +43,10 @@ class FrictionalContact(Link):
         if "friction" not in self._read():
             raise TypeError(f"{self.title} must have a field friction.")
 
+    def check_group(self, pair_force: Any, cloud: Any) -> None:
+        if (cloud.masses[pair_force.second] > 0).any():
+            raise ValueError(f"others of {self.title} must be fixed points; give all masses in the first array.")
+
     def reads_velocity(self) -> bool:
         return True
 

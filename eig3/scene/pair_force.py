@@ -11,7 +11,6 @@ import numpy as np
 from ..kernels import neighbours
 from ..kernels.neighbours import Areas
 from .effect import RATE, Link, Motion
-from .frictional_contact import FrictionalContact
 from .placed import Placed
 
 #: For each rule of `Link.mixed`: the function that computes the share of a point from its value, and the operator
@@ -184,8 +183,7 @@ def check_pair_force(pair_force: PairForce, cloud: Any) -> None:
     places[:, box > 0] %= box[box > 0]
     if np.unique(places, axis=0).shape[0] < numbers.size:
         raise ValueError(f"{title} has no direction where two points coincide at the start: put them apart.")
-    if isinstance(effect, FrictionalContact) and (cloud.masses[pair_force.second] > 0).any():
-        raise ValueError(f"others of {title} must be fixed points; give all masses in the first array.")
+    effect.check_group(pair_force, cloud)
 
 
 def check_rest(pair_forces: Sequence[PairForce], placed: Sequence[Placed]) -> None:
