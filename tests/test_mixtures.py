@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.effects import Coulomb, LennardJones, Link
+from eig3.bench.rivals import lammps, openmm
+from eig3.effects import Coulomb, Ewald, LennardJones, Link
 from eig3.scene import Scene
 
 from .conftest import acceleration
@@ -30,6 +31,91 @@ def test_the_damped_shifted_sum_approaches_madelungs():
     problem = rock_salt(8, lambda q: Coulomb(1.0, 3.0 / 4.0, 4.0, charges=q))
     energy = problem.energy_of(problem.u0, problem.v0) / (8**3 / 2)
     assert energy == pytest.approx(-MADELUNG, rel=1e-4)
+
+
+@pytest.mark.parametrize(("accuracy", "cutoff"), [(1e-12, 2.0), (1e-4, 1.5)])
+def test_ewalds_sum_has_madelungs_number(accuracy, cutoff):
+    """The accuracy is the ratio of the neglected terms; they are many, and alternate in sign."""
+    problem = rock_salt(4, lambda q: Ewald(1.0, q, cutoff, accuracy))
+    energy = problem.energy_of(problem.u0, problem.v0) / (4**3 / 2)
+    assert energy == pytest.approx(-MADELUNG, rel=10 * accuracy)
+
+
+def ions(count, side, accuracy=1e-12):
+    """Ions of several charges in a box that is no cube, of which the last is fixed."""
+    rng = np.random.default_rng(7)
+    sites = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:count]
+    places, charges = sites * (1.0, 1.1, 1.2) + rng.uniform(-0.2, 0.2, sites.shape), rng.uniform(-1, 1, count)
+    charges -= charges.mean()
+    box = side * np.array([1.0, 1.1, 1.2])
+    scene = Scene(3, box=box)
+    points = scene._added(places, np.append(np.ones(count - 1), 0.0), 0 * places)
+    scene.add(Ewald(2.0, charges, 0.45 * side, accuracy), points)
+    return scene.problem((0.0, 1.0)), places, charges, box
+
+
+def test_ewalds_force_is_the_gradient():
+    """Of more ions than are computed together, along some coordinates: differences err by h^2 and by 1e-15 / h."""
+    problem, *_ = ions(200, 6, 1e-10)
+    a = acceleration(problem, problem.u0, problem.v0)
+    h = 1e-4
+    for k in (0, 5, 250, 400, 596):
+        energies = [problem.energy_of(problem.u0 + h * sign * (np.arange(a.size) == k), problem.v0) for sign in (-1, 1)]
+        assert a[k] == pytest.approx(-(energies[1] - energies[0]) / (2 * h), rel=1e-5, abs=1e-6)
+
+
+@pytest.mark.system
+def test_ewalds_sum_is_openmms():
+    """Whose 1 / (4 pi epsilon_0) is 138.93545764438198 kJ/mol nm."""
+    pytest.importorskip("openmm")
+    from openmm import NonbondedForce
+
+    problem, places, charges, box = ions(60, 4)
+    force = NonbondedForce()
+    for charge in charges:
+        force.addParticle(charge, 1.0, 0.0)
+    force.setNonbondedMethod(NonbondedForce.Ewald)
+    force.setCutoffDistance(1.8)
+    force.setEwaldErrorTolerance(1e-13)
+    simulation = openmm.Simulation([force], places, 0 * places, 1e-3, box=box)
+    found = acceleration(problem, problem.u0, problem.v0).reshape(3, -1).T
+    scale = 2.0 / 138.93545764438198
+    expected = scale * simulation.forces()[:-1]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+    energy = simulation.context.getState(getEnergy=True).getPotentialEnergy()._value
+    assert problem.energy_of(problem.u0, problem.v0) == pytest.approx(scale * energy, rel=1e-10)
+
+
+@pytest.mark.system
+@pytest.mark.skipif(not lammps.is_there(), reason=lammps.INSTALL)
+def test_rock_salt_is_as_in_lammps():
+    """With the energy of the single charges. The erfc of LAMMPS has errors up to 1.5e-7, which add up to 9e-7 J an ion."""
+    problem = rock_salt(
+        6, lambda q: Coulomb(1.0, 1.0, 3.0, charges=q), lambda q: LennardJones(0.1 + 0.05 * q, 1 + 0.1 * q, 2.5)
+    )
+    places = problem.u0 + np.random.default_rng(1).uniform(-0.1, 0.1, problem.u0.size)
+    before = """units lj
+atom_style charge
+atom_modify map array
+boundary p p p
+region box block 0 6 0 6 0 6
+create_box 2 box"""
+    positive = " ".join(str(k + 1) for k in np.flatnonzero(np.indices((6, 6, 6)).sum(axis=0).ravel() % 2 == 0))
+    after = f"""mass * 1.0
+group positive id {positive}
+set group all type 2 charge -1.0
+set group positive type 1 charge 1.0
+pair_style hybrid/overlay coul/dsf 1.0 3.0 lj/smooth/linear 2.5
+pair_coeff * * coul/dsf
+pair_coeff 1 1 lj/smooth/linear 0.15 1.1
+pair_coeff 2 2 lj/smooth/linear 0.05 0.9
+pair_coeff 1 2 lj/smooth/linear {np.sqrt(0.15 * 0.05):.17g} 1.0
+fix motion all nve"""
+    other = lammps.Simulation(before, after, places.reshape(3, -1).T % 6.0, np.zeros((216, 3)))
+    found = acceleration(problem, places, problem.v0).reshape(3, -1).T
+    np.testing.assert_allclose(found, other.forces(), rtol=0, atol=1e-6 * np.abs(found).max())
+    energy = problem.energy_of(places, problem.v0) / 216
+    assert energy == pytest.approx(other.solver.get_thermo("pe"), abs=2e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +218,11 @@ class WrongCutoff(Bonding):
     mixed = {"reach": "geometric"}  # noqa: RUF012
 
 
+def ewald(box=(5.0, 5.0, 5.0), charges=(1.0, -1.0), **options):
+    scene = Scene(3, box=box)
+    scene.add(Ewald(1.0, charges, 2.0), scene.mass(1.0, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), **options)
+
+
 @pytest.mark.parametrize(
     ("act", "message"),
     [
@@ -150,6 +241,12 @@ class WrongCutoff(Bonding):
             lambda s, a: s.add(WrongCutoff(1.0, 1.0, 1.0, 2.0), a),
             "mixed of WrongCutoff must have the rule 'arithmetic'",
         ),
+        (lambda s, a: Ewald(1.0, [1.0, -1.0], 2.0, accuracy=2.0), "accuracy of Ewald must be above 0 and below 1"),
+        (lambda s, a: Ewald([1.0, 2.0], [1.0, -1.0], 2.0), "prefactor of Ewald must be one number"),
+        (lambda s, a: s.add(Ewald(1.0, [1.0, -1.0, 0.0], 2.0), a), "Ewald needs a scene of 3 dimensions"),
+        (lambda s, a: ewald(box=(5.0, 5.0, None)), "Ewald needs a scene with a periodic box along x, y and z"),
+        (lambda s, a: ewald(charges=(1.0, 1.0)), "charges of Ewald must have the sum 0"),
+        (lambda s, a: ewald(exclude_bonded=("1-2",)), "Ewald acts between all charges"),
     ],
 )
 def test_errors(act, message):
