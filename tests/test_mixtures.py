@@ -89,7 +89,7 @@ def test_ewalds_sum_is_openmms():
 @pytest.mark.system
 @pytest.mark.skipif(not lammps.is_there(), reason=lammps.INSTALL)
 def test_rock_salt_is_as_in_lammps():
-    """With the energy of the single charges. The erfc of LAMMPS has errors up to 1.5e-7, which add up to 9e-7 J an ion."""
+    """With the energy of single charges. The erfc of LAMMPS has errors up to 1.5e-7, which add up to 9e-7 J an ion."""
     problem = rock_salt(
         6, lambda q: Coulomb(1.0, 1.0, 3.0, charges=q), lambda q: LennardJones(0.1 + 0.05 * q, 1 + 0.1 * q, 2.5)
     )
