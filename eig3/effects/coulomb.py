@@ -73,10 +73,9 @@ class Coulomb(Shifted, OfCharges):
     V(cutoff) - (r - cutoff) V'(cutoff) up to the cutoff and 0 beyond (a shifted force), so that energy and force are
     continuous. The tension is the derivative of the energy.
 
-    With the charges of the points of a group, a pair has charges_i charges_j times this energy, and each charge also
-    has half of what the energy of its pair with itself has beyond prefactor / r at r = 0: this damped shifted sum
-    approaches the sum over all periodic images, such as Madelung's. Error 1e-4 or less of the energy of rock salt with
-    a cutoff of 5 distances of ions and alpha = 3 / cutoff, for example; `Ewald` is the exact sum.
+    With charges, a pair has charges_i charges_j times this energy. For each point, charges_i^2 / 2 times the limit of
+    this energy - prefactor / r at r = 0 is added, so that this damped shifted sum approaches the sum over all periodic
+    images: for rock salt to 1e-4 with a cutoff of 4 distances of ions and alpha = 3 / cutoff. `Ewald` is the exact sum.
 
     Parameters
     ----------
