@@ -5,6 +5,6 @@ functions here use only arithmetic: LLVM computes several numbers with each inst
 compiled by Numba, and can be called from Python.
 """
 
-from .kernels.elementary import cos, exp, log, sin, sincos, sqrt, tanh
+from .kernels.elementary import cos, erfc, exp, log, sin, sincos, sqrt, tanh
 
-__all__ = ["cos", "exp", "log", "sin", "sincos", "sqrt", "tanh"]
+__all__ = ["cos", "erfc", "exp", "log", "sin", "sincos", "sqrt", "tanh"]

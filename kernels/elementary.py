@@ -68,6 +68,20 @@ _LOG_10 = 1.818357216161805012e-01
 _LOG_12 = 1.531383769920937332e-01
 _LOG_14 = 1.479819860511658591e-01
 
+#: The power series of (1 + 2 x) exp(x^2) erfc(x) in (x - 3.75) / (x + 3.75), for x from 0, to which a series of
+#: Chebyshev polynomials was converted; its error is below 1e-16.
+_ERFC_MIDDLE = 3.75
+_ERFC = (
+    (1.2375126308378275, -0.14024059858554697, 0.0035854154854790257, 0.0822767384901452),
+    (-0.10880393014244462, 0.09230432116037748, -0.05869339857664934, 0.028362277418956406),
+    (-0.009746579683265262, 0.0017556258528952954, 0.000293714378044958, -0.0002901540805408417),
+    (5.164652974177416e-05, 2.238423915508223e-05, -1.1438048033346894e-05, -9.73559896736775e-07),
+    (1.7419821586224816e-06, -5.7218230603224086e-08, -2.4857126248016745e-07, 2.3263508708859124e-08),
+    (3.197926671666804e-08, -3.744210080962018e-09, -2.623107347133476e-09, 3.1114333809799254e-10),
+)
+#: erfc is 0 above this number.
+_ERFC_UNDERFLOW = 28.0
+
 _SMALLEST_NORMAL = 2.0**-1022
 _SIGN_BIT = -(1 << 63)
 _LOW_27_BITS = (1 << 27) - 1
@@ -306,3 +320,43 @@ def log(x: float) -> float:
 def sqrt(x: float) -> float:
     """Compute the square root, rounded correctly as by ``math.sqrt``; the result is NaN for negative x."""
     return math.sqrt(_number(x))
+
+
+@inlined
+def _cubic(y: float, z: float, c: tuple[float, ...]) -> float:
+    """A polynomial of degree 3 in y with z = y^2."""
+    return (c[0] + y * c[1]) + z * (c[2] + y * c[3])
+
+
+@inlined
+def gauss_and_erfc(x: float) -> tuple[float, float]:
+    """Compute exp(-x^2) and erfc(x) together, for x from 0; see `erfc`.
+
+    Notes
+    -----
+    x is rounded to 26 bits, so that its square is exact, and the rest corrects the exponential function. erfc(x) is
+    this and a series in (x - 3.75) / (x + 3.75), after M. M. Shepherd and J. G. Laframboise, Mathematics of
+    Computation 36 (1981).
+    """
+    size = _ERFC_UNDERFLOW if x > _ERFC_UNDERFLOW else x
+    rough = _shortened(size)
+    rest = (rough - size) * (rough + size)
+    gauss = exp(-rough * rough)
+    gauss += gauss * (rest * (1.0 + rest * (0.5 + rest * (1 / 6))))
+    y = (size - _ERFC_MIDDLE) / (size + _ERFC_MIDDLE)
+    z = y * y
+    w = z * z
+    high = _cubic(y, z, _ERFC[3]) + w * (_cubic(y, z, _ERFC[4]) + w * _cubic(y, z, _ERFC[5]))
+    scaled = _cubic(y, z, _ERFC[0]) + w * (_cubic(y, z, _ERFC[1]) + w * (_cubic(y, z, _ERFC[2]) + w * high))
+    return gauss, gauss * (scaled / (1.0 + 2.0 * size))
+
+
+@inlined
+def erfc(x: float) -> float:
+    """Compute the complementary error function.
+
+    The error is below 6 ulp for all x. The result is NaN for NaN.
+    """
+    x = _number(x)
+    beyond = gauss_and_erfc(abs(x))[1]
+    return 2.0 - beyond if x < 0.0 else beyond

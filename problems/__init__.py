@@ -37,6 +37,7 @@ from .sand_column import sand_column as sand_column
 from .shear_building import shear_building as shear_building
 from .single_dof import single_dof as single_dof
 from .slider_crank import slider_crank as slider_crank
+from .sodium_chloride import sodium_chloride as sodium_chloride
 from .softening_spring import softening_spring as softening_spring
 from .spinning_top import spinning_top as spinning_top
 from .spring_pendulum import spring_pendulum as spring_pendulum

@@ -151,6 +151,16 @@ MUTANTS = {
         ("2 / math.sqrt(math.pi) * alpha", "1 / math.sqrt(math.pi) * alpha"),
         ("return prefactor / r\n", "return prefactor * r\n"),
     ],
+    ("eig3/effects/charges.py", "test_mixtures.py -k ewalds"): [
+        ("2 / math.sqrt(math.pi) * alpha", "1 / math.sqrt(math.pi) * alpha"),
+    ],
+    ("kernels/ewald.py", "test_mixtures.py -k ewalds"): [
+        ("re * others[e] - im * ones[e]", "re * others[e] + im * ones[e]"),
+        ("sign_y * ys[BATCH + e]", "ys[BATCH + e]"),
+    ],
+    ("eig3/scene/pair_force.py", "test_mixtures.py -k ones_own"): [
+        ('"geometric": (np.sqrt, "*")', '"geometric": (np.sqrt, "+")'),
+    ],
     ("eig3/effects/shifted.py", "test_effects.py -k 'gradient and Coulomb'"): [
         ("- (r - cutoff) * pull", "+ (r - cutoff) * pull")
     ],

@@ -70,7 +70,9 @@ def in_dimension(effect, d):
     return dataclasses.replace(effect, **changed)
 
 
-ELSEWHERE = effects.Cell | effects.Constraint | effects.FrictionalContact  # these have tests in other files
+ELSEWHERE = (
+    effects.Cell | effects.Constraint | effects.FrictionalContact | effects.Ewald
+)  # these have tests in other files
 OTHER_FORMS = {
     "linear spring without length": lambda d: LinearSpring(50.0),
     "damped plane contact": lambda d: PlaneContact(400.0, unit(d), 1.4, damping=0.1),

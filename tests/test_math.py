@@ -23,9 +23,10 @@ EXACT = {
     "log": libmp.mpf_log,
     "tanh": libmp.mpf_tanh,
     "sqrt": libmp.mpf_sqrt,
+    "erfc": libmp.mpf_erfc,
 }
 #: Largest errors in ulp. They are those that the docstrings promise.
-BOUNDS = {"sin": 2, "cos": 2, "exp": 1, "log": 1, "tanh": 1, "sqrt": 0.5 + 1e-5}
+BOUNDS = {"sin": 2, "cos": 2, "exp": 1, "log": 1, "tanh": 1, "sqrt": 0.5 + 1e-5, "erfc": 6}
 PRECISION = 70  # bits of the exact values: 53 of the nearest double, and 17 beyond, so that an ulp is known to 1e-5
 
 random = np.random.default_rng(14)
@@ -162,6 +163,9 @@ POINTS = {
         ]
     ),
     "sqrt": lambda: random.integers(1, 0x7FF0000000000000, 50_000).view(float),
+    "erfc": lambda: np.concatenate(  # below 26.5 its values are not subnormal
+        [random.uniform(-6, 6, 12_000), random.uniform(0, 26.5, 8_000), with_neighbours([0.0, 5e-324, -6.0, 3.75])]
+    ),
 }
 
 
@@ -194,6 +198,7 @@ OUTSIDE = {
     "exp": {709.79: math.inf, 1e308: math.inf, math.inf: math.inf, -745.2: 0.0, -1e308: 0.0, -math.inf: 0.0, -0.0: 1.0},
     "log": {0.0: -math.inf, -5e-324: math.nan, -1.0: math.nan, math.inf: math.inf, -math.inf: math.nan, 1.0: 0.0},
     "tanh": {math.inf: 1.0, -math.inf: -1.0, 1e308: 1.0, 0.0: 0.0},
+    "erfc": {0.0: 1.0, math.inf: 0.0, -math.inf: 2.0, 30.0: 0.0, -30.0: 2.0},
     "sqrt": {-5e-324: math.nan, -1.0: math.nan, math.inf: math.inf, 0.0: 0.0},
 }
 

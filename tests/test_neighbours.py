@@ -550,8 +550,8 @@ class Sticky(effects.Link):
         (lambda s, a: s.add(contact(), s.fixed([[9.0, 9.0], [8.0, 8.0]])), "fixed points only"),
         (lambda s, a: s.add(contact(contact_distance=3.0), a), "at most half a side of the box, 2.5"),
         (
-            lambda s, a: s.add(effects.LennardJones([1.0, 1.0, 2.0], 0.3, 0.7), a),
-            "epsilon of LennardJones must be a number",
+            lambda s, a: s.add(effects.LennardJones(1.0, 0.3, [0.7, 0.7, 0.8]), a),
+            "cutoff of LennardJones must be a number",
         ),
         (lambda s, a: s.add(contact(), s.mass(1.0, [[0.0, 0.0], [0.0, 0.0]])), "two points coincide"),
         (lambda s, a: s.add(contact(), s.mass(1.0, [[0.0, 0.0], [5.0, 0.0]])), "two points coincide"),

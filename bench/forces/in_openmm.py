@@ -13,14 +13,17 @@ from ..rivals.openmm import Simulation
 from .systems import (
     ANGLE,
     BOND,
+    CHARGES,
     CONTACT,
     DAMPING,
     DIAMETER,
+    EPSILONS,
     HARDENING,
     MORSE,
     NU,
     POINTS,
     REACH,
+    SIGMAS,
     TORSION,
     E,
     chains,
@@ -40,6 +43,13 @@ def _shifted(potential: str, slope: float) -> str:
     return f"step({REACH} - r) * (u - r * ({slope:.17g})); u = {potential}"
 
 
+def _mixture(sigma: str) -> str:
+    """Return the shifted potential of two atoms with the parameters of each, with a rule for sigma."""
+    at_end = f"24 * e * c * (1 - 2 * c) / {REACH}; c = (s / {REACH})^6"
+    line = f"step({REACH} - r) * (4 * e * ((s / r)^12 - (s / r)^6) - r * slope); slope = {at_end}"
+    return f"{line}; e = sqrt(e1 * e2); s = {sigma}"
+
+
 def _slope_of_charges(damping: float) -> float:
     s = damping * REACH
     return -(math.erfc(s) / REACH + 2 / math.sqrt(math.pi) * damping * math.exp(-s * s)) / REACH
@@ -54,13 +64,17 @@ def _slope_of_morse() -> float:
 _S6 = REACH**-6
 _STIFFNESS = 4 / 3 * E / (2 * (1 - NU**2)) * math.sqrt(DIAMETER / 4)  # of two equal spheres of one material
 _MORSE = f"{MORSE[0]} * (1 - exp({MORSE[1]} * ({MORSE[2]} - r)))^2"
+_DAMPED = _shifted(f"erfc({DAMPING} * r) / r", _slope_of_charges(DAMPING))
 _POTENTIALS = {
     "contact": f"{2 / 5 * CONTACT} * max(0, {DIAMETER} - r)^2.5",
     "grains": f"{2 / 5 * _STIFFNESS} * max(0, {DIAMETER} - r)^2.5",
     "morse pairs": _shifted(_MORSE, _slope_of_morse()),
     "lennard-jones": _shifted("4 / r^12 - 4 / r^6", 24 * _S6 * (1 - 2 * _S6) / REACH),
+    "mixture": _mixture("(s1 + s2) / 2"),
+    "geometric mixture": _mixture("sqrt(s1 * s2)"),
     "coulomb": _shifted("1 / r", _slope_of_charges(0.0)),
-    "damped coulomb": _shifted(f"erfc({DAMPING} * r) / r", _slope_of_charges(DAMPING)),
+    "damped coulomb": _DAMPED,
+    "charges": f"q1 * q2 * {_DAMPED}",
 }
 
 
@@ -68,8 +82,11 @@ def _of_pairs(name: str) -> Any:
     import openmm
 
     force = openmm.CustomNonbondedForce(_POTENTIALS[name])
-    for _ in range(POINTS):
-        force.addParticle([])
+    given = {"q": CHARGES} if name == "charges" else {"e": EPSILONS, "s": SIGMAS} if "mixture" in name else {}
+    for symbol in given:
+        force.addPerParticleParameter(symbol)
+    for k in range(POINTS):
+        force.addParticle([values[k] for values in given.values()])
     return force
 
 

@@ -25,14 +25,18 @@ E, NU = 1e3, 0.3
 BOND, ANGLE = (40.0, 1.1), (15.0, 1.9)  # stiffness, and length or angle
 MORSE = 8.0, 2.5, 1.1  # D, a, r0
 HARDENING = 40.0, 0.7, 1.1  # stiffness, cubic, length
+EPSILONS, SIGMAS, CHARGES = (1.0,) * 3 + (0.6,) * 3, (1.0,) * 3 + (1.3,) * 3, (1.0, -0.7) * 3  # of a mixture
 TORSION = (9.28, 12.16, -13.12, -3.06, 26.24, -31.5)
 
 _BETWEEN_PAIRS = {
     "contact": HertzContact(CONTACT, DIAMETER),
     "grains": HertzMindlin(E, NU, 0.5, radii=DIAMETER / 2),
     "lennard-jones": LennardJones(1.0, 1.0, REACH),
+    "mixture": LennardJones(EPSILONS, SIGMAS, REACH),
+    "geometric mixture": LennardJones(EPSILONS, SIGMAS, REACH, mixing="geometric"),
     "coulomb": Coulomb(1.0, cutoff=REACH),
     "damped coulomb": Coulomb(1.0, DAMPING, REACH),
+    "charges": Coulomb(1.0, DAMPING, REACH, charges=CHARGES),
     "morse pairs": Morse(*MORSE, cutoff=REACH),
 }
 _ALONG_THE_CHAIN = {

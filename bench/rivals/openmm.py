@@ -27,8 +27,8 @@ class Simulation:
         The step of its integrator, Verlet's method.
     masses : ndarray of shape (n,), optional
         They are 1 without it.
-    box : float, optional
-        The edge of a periodic cube.
+    box : float or ndarray of shape (3,), optional
+        The edge of a periodic cube, or the sides of a box.
     platform : str
         "Reference", or "CPU", which computes in single precision.
     threads : int
@@ -43,7 +43,7 @@ class Simulation:
         h: float,
         *,
         masses: np.ndarray | None = None,
-        box: float | None = None,
+        box: float | np.ndarray | None = None,
         platform: str = "Reference",
         threads: int = 1,
     ) -> None:

@@ -15,6 +15,7 @@ from .coulomb import Coulomb
 from .coulomb_friction import CoulombFriction
 from .dihedral import Dihedral
 from .elastic_plastic import ElasticPlastic
+from .ewald import Ewald
 from .friction_pendulum import FrictionPendulum
 from .gap import Gap
 from .giuffre_menegotto_pinto import GiuffreMenegottoPinto
@@ -67,6 +68,7 @@ __all__ = [
     "CoulombFriction",
     "Dihedral",
     "ElasticPlastic",
+    "Ewald",
     "FrictionPendulum",
     "FrictionalContact",
     "Gap",

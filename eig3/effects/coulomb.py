@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
+from .charges import OfCharges, screened_potential_of, screened_tension_of
 from .shifted import Shifted, shifted_potential, shifted_tension
 
 
@@ -53,42 +54,62 @@ def damped_potential(r, prefactor, cutoff, alpha, pull_at_cutoff, energy_at_cuto
     return shifted_potential(r, cutoff, damped_potential_of(r, prefactor, alpha), pull_at_cutoff, energy_at_cutoff)
 
 
+@element
+def tension_of_charges(r, charges, prefactor, cutoff, alpha, pull_at_cutoff):
+    return charges * shifted_tension(r, cutoff, screened_tension_of(r, prefactor, alpha), pull_at_cutoff)
+
+
+@element
+def potential_of_charges(r, charges, prefactor, cutoff, alpha, pull_at_cutoff, energy_at_cutoff):
+    one = screened_potential_of(r, prefactor, alpha)
+    return charges * shifted_potential(r, cutoff, one, pull_at_cutoff, energy_at_cutoff)
+
+
 @dataclass(frozen=True, eq=False)
-class Coulomb(Shifted):
+class Coulomb(Shifted, OfCharges):
     """Repulsion or attraction of two point charges, with or without a cutoff.
 
     Formula: V(r) = prefactor / r, or prefactor erfc(alpha r) / r for alpha > 0. With a cutoff the energy is V(r) -
     V(cutoff) - (r - cutoff) V'(cutoff) up to the cutoff and 0 beyond (a shifted force), so that energy and force are
     continuous. The tension is the derivative of the energy.
 
+    With charges, a pair has charges_i charges_j times this energy. For each point, charges_i^2 / 2 times the limit of
+    this energy - prefactor / r at r = 0 is added, so that this damped shifted sum approaches the sum over all periodic
+    images: for rock salt to 1e-4 with a cutoff of 4 distances of ions and alpha = 3 / cutoff. `Ewald` is the exact sum.
+
     Parameters
     ----------
     prefactor : float or array_like
-        q1 q2 / (4 pi epsilon_0), N m^2: charges of one sign have a positive prefactor and repel each other.
+        q1 q2 / (4 pi epsilon_0), N m^2: charges of one sign have a positive prefactor and repel each other. With
+        charges: 1 / (4 pi epsilon_0) in their units.
     alpha : float or array_like
         The damping parameter, 1/m; some 2 / cutoff is usual, and 0 is Coulomb's law.
     cutoff : float or array_like, optional
         The distance beyond which there is no force, m. Without it, the force acts at all distances and is not shifted.
+    charges : array_like, optional
+        The charge of each point of one group, in units in which prefactor times the square of a charge has N m^2.
 
     Raises
     ------
     ValueError
-        For alpha below 0, or a cutoff that is not positive.
+        For alpha below 0, a cutoff that is not positive, and charges without a cutoff, or of points that are not one
+        group.
 
     Notes
     -----
     Other codes: with a cutoff, the pair forces of LAMMPS ``pair_style coul/dsf alpha cutoff``, where the prefactor is
-    qqrd2e q1 q2. The cutoff methods of OpenMM's ``NonbondedForce`` have a reaction field instead; give this energy to a
-    ``CustomNonbondedForce``.
+    qqrd2e q1 q2; with charges, also its energies, and the prefactor is qqrd2e. The cutoff methods of OpenMM's
+    ``NonbondedForce`` have a reaction field instead; give this energy to a ``CustomNonbondedForce``.
 
-    Not included: the self energy of each charge, which ``coul/dsf`` adds: the energy of a crystal differs from the
-    Madelung sum by a constant, and the forces do not. Sums over all periodic images (``kspace_style``, PME). Charges of
-    single points: all pairs of an effect have one prefactor, so add one effect for each pair of kinds.
+    Not included: without charges, the self energy of each charge, which ``coul/dsf`` adds: the energy of a crystal then
+    differs from Madelung's sum by a constant, and the forces do not. Charges of two groups, and of links between given
+    points, for which the prefactor has the product.
     """
 
     prefactor: ArrayLike
     alpha: ArrayLike = 0.0
     cutoff: ArrayLike | None = None
+    charges: ArrayLike | None = field(default=None, kw_only=True)
     pull_at_cutoff: ArrayLike = field(init=False, repr=False, default=0.0)
     energy_at_cutoff: ArrayLike = field(init=False, repr=False, default=0.0)
 
@@ -96,8 +117,11 @@ class Coulomb(Shifted):
     source = "Coulomb (1785); damped shifted force of Fennell and Gezelter (2006)"
 
     def __post_init__(self):
+        self.require(self.charges is None or self.cutoff is not None, "cutoff must be given with charges")
         super().__post_init__()
-        if self.is_damped:
+        if self.charges is not None:
+            self._shift(screened_tension_of, screened_potential_of, "prefactor", "alpha")
+        elif self.is_damped:
             self._shift(damped_tension_of, damped_potential_of, "prefactor", "alpha")
         else:
             self._shift(tension_of, potential_of, "prefactor")
@@ -108,12 +132,25 @@ class Coulomb(Shifted):
 
     @property
     def tension(self):
+        if self.charges is not None:
+            return tension_of_charges
         if self.cutoff is None:
             return damped_tension_of if self.is_damped else tension_of
         return damped_tension if self.is_damped else plain_tension
 
     @property
     def potential(self):
+        if self.charges is not None:
+            return potential_of_charges
         if self.cutoff is None:
             return damped_potential_of if self.is_damped else potential_of
         return damped_potential if self.is_damped else plain_potential
+
+    def self_energy(self, columns):
+        if self.charges is None:
+            return 0.0
+        prefactor, cutoff, alpha, pull, energy = (
+            float(columns[name][0]) for name in ("prefactor", "cutoff", "alpha", "pull_at_cutoff", "energy_at_cutoff")
+        )
+        squares = float(np.sum(columns["charges"] ** 2))
+        return squares * ((cutoff * pull - energy) / 2 - prefactor * alpha / math.sqrt(math.pi))

@@ -28,9 +28,9 @@ class Touching(Link):
         elif self.contact_distance is None:
             raise TypeError(f"{self.title} needs the radii of its points, or the contact_distance: give one of them.")
 
-    def of_groups(self) -> Any:
-        """Return the contact between points with these radii and a group of others."""
-        if self.radii is None:
+    def of_groups(self, groups: int) -> Any:
+        """Return the contact between points with these radii, and a group of others if there are two groups."""
+        if groups == 1 or self.radii is None:
             return self
         other = copy.copy(self)
         object.__setattr__(other, "contact_distance", self._reals("radii") + self._radius_of_others())

@@ -38,10 +38,12 @@ from ..stepping.team import Shares
 from .assembly import STATE, Assembly
 from .bodies_text import BodiesText
 from .constraint_text import ConstraintText
-from .effect import FORCES, RESETS
+from .effect import FORCES, RESETS, Effect
 from .frictional_contact import FrictionalContact
 from .grains_text import GrainsText
 from .group_text import GroupText, MassesText
+from .lattice_sum import LatticeSum
+from .lattice_sum_text import LatticeSumText
 from .links_text import LinksText
 from .mesh_text import MeshText, SupportsText
 from .pair_force_text import PairForceText
@@ -144,9 +146,7 @@ class _Functions(Text):
             assembly.pair_forces, key=lambda pair_force: isinstance(pair_force.effect, FrictionalContact)
         )
         near: list[PairForceText] = [
-            (GrainsText if isinstance(pair_force.effect, FrictionalContact) else PairForceText)(
-                assembly, source, pair_force, number
-            )
+            _text_of(pair_force.effect)(assembly, source, pair_force, number)
             for number, pair_force in enumerate(pair_forces)
         ]
         self._near, self.grains = near, [text for text in near if isinstance(text, GrainsText)]
@@ -425,6 +425,13 @@ class _Functions(Text):
             with self._function(f"{name}(member, t, u, v, p)"):
                 assert self._constraints
                 self._bodies_text.reset(f"{name}_of_all(member, t, everywhere, speeds, p)", self._constraints)
+
+
+def _text_of(effect: Effect) -> type[PairForceText]:
+    """Return the class that writes the forces between near points."""
+    if isinstance(effect, FrictionalContact):
+        return GrainsText
+    return LatticeSumText if isinstance(effect, LatticeSum) else PairForceText
 
 
 def _acting(groups: Iterable[G]) -> list[G]:

@@ -239,8 +239,8 @@ class Description:
 
             A `Link` with a cutoff also takes one array of points, and then acts between all pairs of these points. A
             neighbour list keeps the time of a step proportional to the number of points. The parameters are numbers;
-            the parameters in `Link.mixed` may have a value for each point, and a pair then has the mean of the values
-            of its points.
+            the parameters in `Link.mixed` may have a value for each point, and a pair then has the mean or the product
+            of the values of its points.
         others : Points, optional
             The link acts between all pairs of a point of the first array and a point of `others`. Only the first array
             can have parameters for each point.
@@ -299,13 +299,17 @@ class Description:
     def _add_pair_force(
         self, effect: Link, points: Points, others: Points | None, excluded: tuple[str, ...], capacity: int | None
     ) -> None:
-        effect = effect if others is None else effect.of_groups()
+        effect = effect.of_groups(1 if others is None else 2)
         groups = [self._numbers_of([handle], effect)[0] for handle in (points, others) if handle is not None]
         first, second = groups[0].ravel(), groups[1].ravel() if len(groups) > 1 else np.empty(0, dtype=np.int64)
         columns = effect.columns(groups[0].shape, self.dimension)
         if not first.size or (others is not None and not second.size):
             return
-        columns = {name: column[:1] if (column == column[0]).all() else column for name, column in columns.items()}
+        products = [name for name, rule in effect.mixing_rules().items() if rule == "product" and others is None]
+        columns = {
+            name: column[:1] if (column == column[0]).all() and name not in products else column
+            for name, column in columns.items()
+        }
         capacity = None if capacity is None else check_count(capacity, "neighbor_capacity")
         pair_force = PairForce(effect, columns, (first, second), excluded, capacity)
         cloud = self._cloud()

@@ -6,7 +6,7 @@ import copy
 import dataclasses
 import functools
 import inspect
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any, ClassVar
 
 import numba
@@ -23,6 +23,8 @@ from .fields import annotations_of, check_fields
 FORCES = ("force", "acceleration", "tension", "force_density", "forces", "torque", "stress")
 #: The function of the rate of a state that is a first-order unknown.
 RATE = "state_rate"
+#: The rules by which a link mixes the values of two points: see `Link`.
+RULES = ("arithmetic", "geometric", "product")
 #: The functions that change the state where the event of an effect occurs.
 RESETS = ("velocity_after", "rate_after", "state_after")
 
@@ -417,8 +419,10 @@ class Link(Effect):
     ductility : jitted function, optional
         The size of the stretch relative to the stretch at yield, from r and fields that other functions read, for
         `eig3.structures.link_ductility`.
-    mixed : tuple of str
-        The fields that can have a value for each point of a pair force: see `Scene.add`.
+    mixed : tuple of str, or dict of str to str
+        The fields that can have a value for each point of a pair force: see `Scene.add`. A dictionary also has the rule
+        for the value of a pair: "arithmetic", the mean of the values of its points, which is the rule of a tuple;
+        "geometric", the root of their product; or "product".
     """
 
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -427,7 +431,7 @@ class Link(Effect):
     }
     needs: ClassVar[tuple[str, ...]] = ("tension", "force_density", "event")
     takes: ClassVar[tuple[int, ...]] = (2,)
-    mixed: ClassVar[tuple[str, ...]] = ()
+    mixed: ClassVar[tuple[str, ...] | Mapping[str, str]] = ()
     picture: ClassVar[str] = "line"
     ductility: ClassVar[Any] = None
 
@@ -444,9 +448,35 @@ class Link(Effect):
                 "take a spring without a rest length."
             )
 
-    def of_groups(self) -> Any:
-        """Return the link between the points of two groups."""
+    def check(self, dimension: int) -> None:
+        super().check(dimension)
+        rules = self.mixing_rules()
+        for name, rule in rules.items():
+            if rule not in RULES:
+                raise ValueError(f"mixed of {self.title} has the rule {rule!r} of {name}; take {', '.join(RULES)}.")
+        if rules.get(self.cutoff_field, "arithmetic") != "arithmetic":
+            raise ValueError(f"mixed of {self.title} must have the rule 'arithmetic' of its cutoff.")
+
+    def mixing_rules(self) -> dict[str, str]:
+        """Return the rule of each field in `mixed`."""
+        return dict(self.mixed) if isinstance(self.mixed, Mapping) else dict.fromkeys(self.mixed, "arithmetic")
+
+    def of_groups(self, groups: int) -> Any:
+        """Return the link between all near points of one group, or of two."""
         return self
+
+    def check_group(self, pair_force: Any, cloud: Any) -> None:
+        """Check that the link can act between the points of a pair force.
+
+        Raises
+        ------
+        ValueError
+            If it cannot. The error names the effect.
+        """
+
+    def self_energy(self, columns: dict[str, np.ndarray]) -> float:
+        """Return the part of the energy of a group that does not depend on the places of its points, J."""
+        return 0.0
 
     def needs_direction(self, columns: dict[str, np.ndarray]) -> Any:
         """Return for each pair whether its points must not coincide at the start."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -192,9 +193,11 @@ class Encounters:
             most = first.size - 1 if len(groups) == 1 else max(first.size, second.size)
             inverse = min(most, self._dimension + 1) * of_two(inverses)
             depth = max(self._depth(pair_force, x) for pair_force in pair_forces)
-            for s in _extremes(pair_forces):
-                meeting = _meeting(t, pair_forces, s, depth, of_two(energies), of_two(rates), inverse)
-                yield self._rolling(meeting, t, pair_forces[0], s, of_two(inverses), bool(second.size))
+            one, other = _couples(pair_forces)
+            laws = [pair_force.between(one, other) for pair_force in pair_forces]
+            for s in range(one.size):
+                meeting = _meeting(t, laws, s, depth, of_two(energies), of_two(rates), inverse)
+                yield self._rolling(meeting, t, laws[0], s, of_two(inverses), bool(second.size))
 
     def _rolling(self, meeting: _Meeting, t: float, law: Placed, s: int, inverse: float, has_groups: bool) -> _Meeting:
         """Return a collision of grains, which have a radius, a mass, and tangential springs."""
@@ -279,3 +282,11 @@ def _extremes(laws: Sequence[Placed]) -> list[int]:
             for one in values.reshape(len(values), -1).T:
                 found |= {int(one.argmin()), int(one.argmax())}
     return sorted(found)
+
+
+def _couples(pair_forces: Sequence[PairForce]) -> np.ndarray:
+    """Return two rows of members, with equal extreme values, and if values are multiplied, also with different ones."""
+    members = _extremes(pair_forces)
+    has_products = any("product" in pair_force.effect.mixing_rules().values() for pair_force in pair_forces)
+    others = list(combinations(members, 2)) if has_products else []
+    return np.array([*((s, s) for s in members), *others]).T

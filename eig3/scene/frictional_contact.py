@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from .effect import Link
@@ -31,7 +32,7 @@ class FrictionalContact(Link):
     }
     needs: ClassVar[tuple[str, ...]] = ("tension",)
     cutoff_field: ClassVar[str] = "contact_distance"
-    mixed: ClassVar[tuple[str, ...]] = ("contact_distance",)
+    mixed: ClassVar[tuple[str, ...] | Mapping[str, str]] = ("contact_distance",)
     picture: ClassVar[str] = "discs"
     dimensions: ClassVar[tuple[int, ...]] = (2, 3)
 
@@ -41,6 +42,10 @@ class FrictionalContact(Link):
             raise TypeError(f"{self.title} must have a function shear_stiffness.")
         if "friction" not in self._read():
             raise TypeError(f"{self.title} must have a field friction.")
+
+    def check_group(self, pair_force: Any, cloud: Any) -> None:
+        if (cloud.masses[pair_force.second] > 0).any():
+            raise ValueError(f"others of {self.title} must be fixed points; give all masses in the first array.")
 
     def reads_velocity(self) -> bool:
         return True

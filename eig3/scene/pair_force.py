@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,9 +11,17 @@ import numpy as np
 from ..kernels import neighbours
 from ..kernels.neighbours import Areas
 from .effect import RATE, Link, Motion
-from .frictional_contact import FrictionalContact
 from .placed import Placed
 
+#: For each rule of `Link.mixed`: the function that computes the share of a point from its value, and the operator
+#: between the shares of two points.
+_MIXING: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
+    "arithmetic": (lambda values: values / 2, "+"),
+    "geometric": (np.sqrt, "*"),
+    "product": (lambda values: values, "*"),
+}
+
+_OPERATIONS = {"+": np.add, "*": np.multiply}
 _SKIN = 0.2  # relative to the largest cutoff
 _DENSE = {1: 3, 2: 8, 3: 16}  # neighbours of a point in a dense packing, by the dimension
 _MANY_MATES = 8  # with at least this number of pairs of a point, each point has separate batches
@@ -53,6 +61,29 @@ class PairForce(Placed):
     def size(self) -> int:
         """The number of points."""
         return self.first.size + self.second.size
+
+    def operator(self, name: str) -> str:
+        """Return the operator between the shares of two points in a field."""
+        return _MIXING[self.effect.mixing_rules()[name]][1]
+
+    def shares(self, name: str) -> np.ndarray:
+        """Return the shares of all points in the values of their pairs, for a field with a value for each point.
+
+        With two groups, the value of a pair is the value of its point of the first group.
+        """
+        column, neutral = self.columns[name], 0.0 if self.operator(name) == "+" else 1.0
+        if self.second.size:
+            return np.concatenate([column, np.full(self.second.size, neutral)])
+        return _MIXING[self.effect.mixing_rules()[name]][0](column)
+
+    def between(self, one: np.ndarray, other: np.ndarray) -> Placed:
+        """Return the link with the parameters of pairs of points of the first group; with two groups, of `one`."""
+        mate = np.full_like(other, self.first.size) if self.second.size else other
+        columns = dict(self.columns)
+        for name in (name for name, column in self.columns.items() if len(column) > 1):
+            shares = self.shares(name)
+            columns[name] = _OPERATIONS[self.operator(name)](shares[one], shares[mate])
+        return Placed(self.effect, columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +171,8 @@ def check_pair_force(pair_force: PairForce, cloud: Any) -> None:
             raise ValueError(
                 f"{name} of {title} must be a number for the pairs of a group: {able} can have a value for each point."
             )
+        if len(column) > 1 and effect.mixing_rules()[name] == "geometric":
+            effect.require(column >= 0, f"{name} must not be negative, because the mean of two points is geometric")
     reach = pair_force.columns[effect.cutoff_field]
     effect.require(reach > 0, f"{effect.cutoff_field} must be positive")
     if (reach.max() > box[box > 0] / 2).any():
@@ -150,8 +183,7 @@ def check_pair_force(pair_force: PairForce, cloud: Any) -> None:
     places[:, box > 0] %= box[box > 0]
     if np.unique(places, axis=0).shape[0] < numbers.size:
         raise ValueError(f"{title} has no direction where two points coincide at the start: put them apart.")
-    if isinstance(effect, FrictionalContact) and (cloud.masses[pair_force.second] > 0).any():
-        raise ValueError(f"others of {title} must be fixed points; give all masses in the first array.")
+    effect.check_group(pair_force, cloud)
 
 
 def check_rest(pair_forces: Sequence[PairForce], placed: Sequence[Placed]) -> None:
@@ -182,8 +214,7 @@ class Listing:
     points, masses, room : int
         The number of points, the number of masses among them, and the capacity in pairs.
     own : dict of str to int
-        The places of the fields with a value for each point: the value of a pair is the sum of the values of its
-        points.
+        The places of the fields with a value for each point: the shares of the points, see `PairForce.shares`.
     begin : int
         The index of the first mass if the indices are consecutive, otherwise -1.
     is_dense : bool
@@ -261,17 +292,13 @@ def _skin(pair_force: PairForce, found: float, dimension: int) -> float:
 
 
 def _own_fields(pair_force: PairForce, members: Members, place: int) -> tuple[dict[str, int], list[np.ndarray]]:
-    """Return the places and the values of the fields with a value for each point.
-
-    In one group, a pair has the mean of the values of its points. With two groups, only the first group has values.
-    """
+    """Return the places of the fields with a value for each point, and the shares of the points in them."""
     own: dict[str, int] = {}
     fields: list[np.ndarray] = []
     for name, column in pair_force.columns.items():
         if len(column) > 1:
             own[name] = place + sum(field.size for field in fields)
-            share = column / 2 if not pair_force.second.size else column
-            fields.append(np.concatenate([share, np.zeros(pair_force.second.size)])[members.place])
+            fields.append(pair_force.shares(name)[members.place])
     return own, fields
 
 

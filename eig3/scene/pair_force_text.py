@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from ..kernels import neighbours
 from ..kernels.neighbours import BATCH
 from ..kernels.shared_forces import ACTING, BUILDING, LISTS, SCANNING, STAGES
@@ -46,6 +48,7 @@ class PairForceText(BlockText):
         u0 = assembly.cloud.in_order(assembly.cloud.positions).T.ravel()
         self.listing = listed(pair_force, source.size, assembly.cloud, u0, pairs)
         source.add(self.listing.values)
+        self._pair_force = pair_force
         self._number = number  # the number of the list in the scene
         self._first = LISTS + number * STAGES
         used = ("memory", "floats", "integers", "batch", "REFRESH", "SCAN", "BUILD", "REACH")
@@ -148,6 +151,8 @@ class PairForceText(BlockText):
             self._refreshed("potential")
             add = f"total += {self._law.call('potential', '', self._offered)}"
             self._near([lambda: self._line("r = sqrt(tiny + square)", add)])
+        if constant := self._pair_force.effect.self_energy(self._pair_force.columns):
+            self._line(f"total += p[{self._source.add(np.array(constant))}]")
 
     def power(self) -> None:
         loses = "potential" not in self._law.functions
@@ -312,8 +317,8 @@ class PairForceText(BlockText):
         return offered | {name: self._field(name) for name in self.listing.own}
 
     def _field(self, name: str) -> str:
-        place = self.listing.own[name]
-        return f"({entry('p', place, 'point')} + {entry('p', place, 'mate')})"
+        place, operator = self.listing.own[name], self._pair_force.operator(name)
+        return f"({entry('p', place, 'point')} {operator} {entry('p', place, 'mate')})"
 
     def _place(self, point: str, axis: str) -> str:
         d = len(self._axes)
