@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pytest
@@ -93,7 +94,10 @@ def test_an_elastic_plastic_step_response():
     assert errors[0] / errors[1] > 16 ** (2 - 0.3)  # four halvings, of the second order
 
 
-@pytest.mark.parametrize("law", [ElasticPlastic, GiuffreMenegottoPinto])
+BOTH_HARDENINGS = partial(ElasticPlastic, isotropic=0.5)
+
+
+@pytest.mark.parametrize("law", [ElasticPlastic, BOTH_HARDENINGS, GiuffreMenegottoPinto])
 @pytest.mark.parametrize("n", [1, 3])
 def test_eig3_keeps_its_order_on_yielding_chains(n, law):
     """Yielding begins and ends within steps, so single ratios scatter: the mean over five halvings counts."""
@@ -241,6 +245,46 @@ def test_an_elastic_plastic_link_dissipates(force, omega, hardening, yield_force
     assert np.diff(taken).min() > -1e-3 * k * np.abs(x).max() ** 2  # of the trapezoidal rule in a step with a kink
 
 
+@settings(max_examples=10, deadline=None)
+@given(**LOADS, hardening=st.floats(0, 0.9), isotropic=st.floats(0.01, 1), yield_force=st.floats(0.5, 5))
+def test_both_hardenings_dissipate(force, omega, hardening, isotropic, yield_force):
+    """What the link absorbs, less its elastic energy and the energy of both hardenings, is the yield force times p."""
+    k, T = 40.0, np.linspace(0, 10, 501)
+    law = ElasticPlastic(k, yield_force, hardening, isotropic=isotropic)
+    loads = T, force * np.cos(omega * T)[:, None]
+    problem = eig3.linear([1.0], [[0.5]], None, links=[(law, None, 0)], force=loads, t_span=(0, 10), work=True)
+    run = problem.integrate(rtol=1e-9, outputs={"force": eig3.structures.link_forces(problem)})
+    tension, plastic = run.outputs["force"][:, 0], run.u[:, 0] - run.outputs["force"][:, 0] / k
+    H, p = hardening * k / (1 - hardening), np.concatenate([[0], np.cumsum(np.abs(np.diff(plastic)))])
+    stored = tension**2 / (2 * k) + H * ((1 - isotropic) * plastic**2 + isotropic * p**2) / 2
+    most = np.abs(run.z["absorbed"]).max()
+    # p is a sum over steps, in one of which the motion may turn
+    np.testing.assert_allclose(run.z["absorbed"], stored + yield_force * p, rtol=0, atol=1e-3 * most)
+    lost = run.z["absorbed"] - tension**2 / (2 * k) - H * (1 - isotropic) * plastic**2 / 2
+    assert np.diff(lost).min() > -1e-7 * most
+
+
+@pytest.mark.parametrize("isotropic", [0.4, 1.0])
+def test_cycles_shake_down_to_an_elastic_motion(isotropic):
+    """Members in lanes: from turn to turn, the yield force tends to that of elastic cycles as a geometric sequence."""
+    k, yield_force, hardening, turns = 40.0, 2.0, 0.2, 6
+    law = ElasticPlastic(k, yield_force, hardening, isotropic=isotropic)
+    span = 0, (turns - 0.25) * np.pi
+    heavy = eig3.linear([1e12], None, [[1e12]], links=[(law, None, 0)], t_span=span)
+    peaks = np.array([0.08, 0.1, 0.15, 0.2])
+    members = heavy.ensemble(v0=peaks[:, None], h=0.01, method="rk4", save_every=None)
+    alone = heavy.with_(v0=peaks[-1:]).integrate(h=0.01, method="rk4", save_every=None)
+    H = hardening * k / (1 - hardening)
+    growth = isotropic * H / (k + H)
+    first = (k * peaks - yield_force) / (k + H)
+    ways = np.array([first, *(2 * first * (1 - growth) * (1 - 2 * growth) ** n for n in range(turns - 1))])
+    np.testing.assert_allclose(members.z["elastic plastic"][:, -1, 1], ways.sum(axis=0), rtol=1e-7)
+    plastic = (ways * (-1.0) ** np.arange(turns)[:, None]).sum(axis=0)
+    np.testing.assert_allclose(members.z["elastic plastic"][:, -1, 0], plastic, rtol=1e-7)
+    np.testing.assert_allclose(alone.z["elastic plastic"][-1], members.z["elastic plastic"][-1, -1], rtol=1e-12)
+    assert [len(members[k].events["elastic plastic 0"]) for k in range(4)] == [turns] * 4
+
+
 def test_the_work_balances_the_energy():
     links = ElasticPlastic(40.0, 2.0, 0.05), BoucWen(20.0, 0.03), Maxwell(10.0, 2.0), LinearSpring(1.0)
     problem = oscillator(*links, force=5.0, omega=4.0, work=True)
@@ -275,6 +319,16 @@ OF_OPENSEES = {
         [ElasticPlastic(40.0, 2.0, 0.05)],
         [-0.4204330527, -0.2548807848, 0.0692462457, 0.2283617675, 0.2419160113],
         [-0.4203449243, -0.2548613812, 0.0692226161, 0.2283500695, 0.2419211849],
+    ),
+    'uniaxialMaterial("Hardening", 1, 40.0, 2.0, 2.0, 0.0)': (
+        [ElasticPlastic(40.0, 2.0, 2 / 42, isotropic=1.0)],
+        [-0.3740993267, -0.3833101034, -0.2685542517, -0.0862879499, 0.1054236941],
+        [-0.3739937189, -0.3831877537, -0.2684308780, -0.0861635334, 0.1055496109],
+    ),
+    'uniaxialMaterial("Hardening", 1, 40.0, 2.0, 3.0, 1.0)': (
+        [ElasticPlastic(40.0, 2.0, 4 / 44, isotropic=0.75)],
+        [-0.3876470791, -0.3632647393, -0.2268519271, -0.0135674040, 0.2355409255],
+        [-0.3875634745, -0.3632005609, -0.2268071104, -0.0135328957, 0.2355704341],
     ),
     'uniaxialMaterial("Steel02", 1, 2.0, 40.0, 0.05, 20.0, 0.925, 0.15)': (
         [GiuffreMenegottoPinto(40.0, 2.0, 0.05)],
@@ -430,6 +484,8 @@ def add_two_states():
         (lambda: ElasticPlastic(0.0, 1.0), "stiffness of ElasticPlastic must be positive"),
         (lambda: ElasticPlastic(1.0, 0.0), "yield_force of ElasticPlastic must be positive"),
         (lambda: ElasticPlastic(1.0, 1.0, 1.0), "hardening of ElasticPlastic must be 0 to 1"),
+        (lambda: ElasticPlastic(1.0, 1.0, isotropic=2.0), "isotropic of ElasticPlastic must be 0 to 1"),
+        (lambda: GiuffreMenegottoPinto(1.0, 1.0, R0=0.0), "R0 of GiuffreMenegottoPinto must be positive"),
         (add_a_body, "maxwell has a state with a rate, which a scene with points of rigid bodies does not support"),
         (add_a_pair_force, "Near has a state, and thus needs two arguments of points"),
         (add_two_states, "Both must have one of the functions state_after and state_rate"),

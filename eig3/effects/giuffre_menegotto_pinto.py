@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..kernels.compile.jit import element
 from ..kernels.elementary import exp, log
 from ..scene.effect import Link
-from .elastic_plastic import over_yield
+from .elastic_plastic import over_yield, require_yield
 
 
 @element
@@ -109,9 +109,8 @@ class GiuffreMenegottoPinto(Link):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("stiffness", "yield_force", "R0"):
-            self.require(np.asarray(getattr(self, name)) > 0, f"{name} must be positive")
-        self.require((np.asarray(self.hardening) >= 0) & (np.asarray(self.hardening) < 1), "hardening must be 0 to 1")
+        require_yield(self)
+        self.require(np.asarray(self.R0) > 0, "R0 must be positive")
 
     tension = force_of_branch
     event = turning
