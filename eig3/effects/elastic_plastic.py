@@ -106,6 +106,7 @@ class ElasticPlastic(Link):
     The link turns from yielding to unloading at an event: ``solution.events["elastic plastic 0"]`` has the times and
     states, and the method starts anew there. So EIG-3 keeps its second order with a fixed step. Methods of higher order
     fall to about the second, and tolerances hold. Several of these links between the same points make Iwan's model.
+    Beside a `Gap` and a `Cable`, the link is a bolted joint: it slips at the yield force until the bolts bear.
 
     Parameters
     ----------

@@ -323,11 +323,6 @@ def assemble(
         raise ValueError("the scene has no mass that can move: add one with scene.mass(m, position).")
     placed, events, states, rates = numbered(cloud, placed)
     cloud, whole = _without_idle_points(cloud, placed, pair_forces), cloud
-    if rates and cloud.bodies.carried:
-        raise ValueError(
-            f"{next(iter(rates))} has a state with a rate, which a scene with points of rigid bodies does not support: "
-            "take masses instead of bodies."
-        )
     motions, moves = _motions(cloud, placed)
     bodies = _fused(_body_groups(cloud, placed))
     links = _fused(_link_groups(cloud, placed, moves))
