@@ -493,22 +493,6 @@ def add_a_pair_force():
     scene.problem((0, 1))
 
 
-def add_two_states():
-    @dataclass(frozen=True, eq=False)
-    class Both(Burgers):
-        @staticmethod
-        @eig3.jit
-        def event(r):
-            return r
-
-        @staticmethod
-        @eig3.jit
-        def state_after():
-            return 1.0
-
-    oscillator(Both(1.0, 1.0))
-
-
 @pytest.mark.parametrize(
     ("make", "said"),
     [
@@ -534,7 +518,6 @@ def add_two_states():
         (lambda: ElasticPlastic(1.0, 1.0, isotropic=2.0), "isotropic of ElasticPlastic must be 0 to 1"),
         (lambda: GiuffreMenegottoPinto(1.0, 1.0, R0=0.0), "R0 of GiuffreMenegottoPinto must be positive"),
         (add_a_pair_force, "Near has a state, and thus needs two arguments of points"),
-        (add_two_states, "Both must have one of the functions state_after and state_rate"),
     ],
 )
 def test_what_is_wrong_is_refused_in_a_sentence(make, said):

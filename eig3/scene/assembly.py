@@ -374,7 +374,7 @@ def numbered(cloud: Cloud, placed: Sequence[Placed]) -> tuple[list[Placed], list
             counts[title] += size
             columns[EVENT] = len(events) + np.arange(size)
             events += names
-            if "state_after" in functions:
+            if "state_after" in functions and RATE not in functions:
                 numbers = range(effect.state_size)
                 columns[STATE] = len(states) + len(numbers) * np.arange(size)
                 states += names if len(numbers) == 1 else [f"{name} {k}" for name in names for k in numbers]
