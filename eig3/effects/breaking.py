@@ -82,8 +82,12 @@ class Breaking(OfLaw, Link):
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
     ) -> None:
         super().check_points(masses, positions, columns)
+        self.check_whole(columns, distance(positions))
+
+    def check_whole(self, columns: dict[str, np.ndarray], stretches: np.ndarray) -> None:
+        """Refuse links that have reached a limit at the start, for their r."""
         placed = Placed(self, columns)
-        for k, r in enumerate(distance(positions).tolist()):
+        for k, r in enumerate(stretches.tolist()):
             if not placed.call("event", k, {"t": 0.0, "r": r, "rate": 0.0}) < 0:
                 raise ValueError(f"{self.title} is broken at the start: link {k} has reached a limit.")
 
