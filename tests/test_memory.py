@@ -97,9 +97,10 @@ def test_an_elastic_plastic_step_response():
 
 
 BOTH_HARDENINGS = partial(ElasticPlastic, isotropic=0.5)
+SHIFTED = partial(GiuffreMenegottoPinto, a1=0.04, a2=1.5, a3=0.1)
 
 
-@pytest.mark.parametrize("law", [ElasticPlastic, BOTH_HARDENINGS, GiuffreMenegottoPinto])
+@pytest.mark.parametrize("law", [ElasticPlastic, BOTH_HARDENINGS, GiuffreMenegottoPinto, SHIFTED])
 @pytest.mark.parametrize("n", [1, 3])
 def test_eig3_keeps_its_order_on_yielding_chains(n, law):
     """Yielding begins and ends within steps, so single ratios scatter: the mean over five halvings counts."""
@@ -342,6 +343,11 @@ OF_OPENSEES = {
         [-0.4618601721, -0.3496064743, -0.0159439125, 0.1812188607, 0.2047035615],
         [-0.4617611182, -0.3495640418, -0.0159275511, 0.1812405422, 0.2047322452],
     ),
+    'uniaxialMaterial("Steel02", 1, 2.0, 40.0, 0.02, 15.0, 0.925, 0.15, 0.04, 1.5, 0.1, 1.0)': (
+        [GiuffreMenegottoPinto(40.0, 2.0, 0.02, 15.0, a1=0.04, a2=1.5, a3=0.1, a4=1.0)],
+        [-0.4420349980, -0.4122973663, -0.2449479118, -0.1176868383, -0.0747655821],
+        [-0.4419348356, -0.4122326772, -0.2449100742, -0.1176635744, -0.0747525091],
+    ),
     'uniaxialMaterial("BoucWen", 1, 0.1, 40.0, 1.0, 10.0, 10.0, 1.0, 0.0, 0.0, 0.0)': (
         [BoucWen(40.0, 0.05, 0.1)],
         [-0.4412499208, -0.1123784566, 0.1133464500, 0.1533914757, 0.2571441411],
@@ -399,7 +405,7 @@ def test_loops_of_slip_are_piecewise_linear():
     """Friction holds up to F, slips, and the bolt bears beyond the clearance; a cycle takes 4 F (A - F / k)."""
     k, F, bolt, clearance, A = 40.0, 2.0, 60.0, 0.2, 0.5
     links = [(law, None, 0) for law in bolted(ElasticPlastic(k, F), bolt, clearance)]
-    problem = eig3.linear([1e12], None, [[1e12]], links=links, v0=A, t_span=(0, 6.5 * np.pi), work=True)
+    problem = eig3.linear([1e9], None, [[1e9]], links=links, v0=A, t_span=(0, 6.5 * np.pi), work=True)
     outputs = {"force": eig3.structures.link_forces(problem)}
     run = problem.integrate(rtol=1e-10, t_eval=np.linspace(0, 6.5 * np.pi, 105), outputs=outputs)
     x, force = run.u[:, 0], run.outputs["force"].sum(axis=1)
@@ -516,6 +522,7 @@ def add_a_pair_force():
         (lambda: ElasticPlastic(1.0, 0.0), "yield_force of ElasticPlastic must be positive"),
         (lambda: ElasticPlastic(1.0, 1.0, 1.0), "hardening of ElasticPlastic must be 0 to 1"),
         (lambda: ElasticPlastic(1.0, 1.0, isotropic=2.0), "isotropic of ElasticPlastic must be 0 to 1"),
+        (lambda: GiuffreMenegottoPinto(1.0, 1.0, a4=0.0), "a4 of GiuffreMenegottoPinto must be positive"),
         (lambda: GiuffreMenegottoPinto(1.0, 1.0, R0=0.0), "R0 of GiuffreMenegottoPinto must be positive"),
         (add_a_pair_force, "Near has a state, and thus needs two arguments of points"),
     ],
