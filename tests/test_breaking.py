@@ -120,7 +120,16 @@ def test_a_body_breaks_loose():
         (lambda: Breaking(3.0, max_force=1.0), "law of Breaking must be a link of eig3.effects, not 3.0"),
         (lambda: Breaking(LeadRubber(1.0, 1.0, 0.1), max_force=1.0), "law of Breaking must act along one line"),
         (lambda: Breaking(ElasticPlastic(1.0, 1.0), max_stretch=1.0), "law of Breaking must have no event"),
-        (lambda: oscillator(Breaking(LinearSpring(9.0, 0.5), max_force=4.0)), "Breaking is broken at the"),
+        (
+            lambda: oscillator(Breaking(LinearSpring(9.0, 0.5), max_force=4.0)),
+            "Breaking is broken at the start: link 0",
+        ),
+        (
+            lambda: eig3.linear(
+                [1.0, 1.0], links=[(Breaking(SPRING, min_stretch=-1.1), [0, 1], [1, None])], u0=[0, 0.2], t_span=(0, 1)
+            ),
+            "Breaking is broken at the start: link 1",
+        ),
     ],
 )
 def test_what_is_wrong_is_refused_in_a_sentence(make, said):

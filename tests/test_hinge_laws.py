@@ -74,7 +74,7 @@ def pair():
     return scene.problem((0, 2)), one, other
 
 
-def test_a_plastic_hinge_between_two_bodies_in_lanes():
+def test_a_plastic_hinge_between_two_bodies():
     """The relative angle is an oscillator with the reduced inertia; EIG-3 keeps its order; members are single runs."""
     problem, one, other = pair()
     reduced = linear([0.4 * 0.6], links=[(ElasticPlastic(20.0, 1.5, 0.05), None, 0)], v0=4.0, t_span=(0, 2))
