@@ -9,6 +9,7 @@ from ..scene.weld import Weld
 from .angle import Angle
 from .bending import Bending
 from .bouc_wen import BoucWen
+from .breaking import Breaking
 from .breaking_string import BreakingString
 from .cable import Cable
 from .coulomb import Coulomb
@@ -60,6 +61,7 @@ __all__ = [
     "Bending",
     "Body",
     "BoucWen",
+    "Breaking",
     "BreakingString",
     "Cable",
     "Cell",

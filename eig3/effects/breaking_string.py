@@ -41,7 +41,7 @@ class BreakingString(Link):
     step.
 
     Not included: damping, healing, and a loss of stiffness before the break. The string also pushes, below its rest
-    length.
+    length. `Breaking` breaks other laws, and at a stretch or an energy.
     """
 
     stiffness: ArrayLike

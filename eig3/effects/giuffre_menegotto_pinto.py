@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..kernels.compile.jit import element
 from ..kernels.elementary import exp, log
 from ..scene.effect import Link
-from .elastic_plastic import over_yield
+from .elastic_plastic import over_yield, require_yield
 
 
 @element
@@ -55,6 +55,18 @@ def next_branch(r, state, stiffness, yield_force, hardening, R0, cR1, cR2, rest_
     return turn, force, aim, force + stiffness * (aim - turn), above, below
 
 
+@element
+def next_branch_after_shift(r, state, stiffness, yield_force, hardening, R0, cR1, cR2, rest_length, a1, a2, a3, a4):
+    turn, force, aim, aim_force, above, below = next_branch(
+        r, state, stiffness, yield_force, hardening, R0, cR1, cR2, rest_length
+    )
+    side, share, size = (1.0, a3, a4) if aim > turn else (-1.0, a1, a2)
+    yield_stretch = yield_force / stiffness
+    strain = (1 + (above - below) / (2 * yield_stretch)) / size
+    shift = side * share * yield_stretch * exp(0.8 * log(strain))
+    return turn, force, aim + shift, aim_force + stiffness * shift, above, below
+
+
 @dataclass(frozen=True, eq=False)
 class GiuffreMenegottoPinto(Link):
     """A link of steel that yields with round loops, by Giuffre, Menegotto and Pinto: reinforcement, hinges, braces.
@@ -63,6 +75,10 @@ class GiuffreMenegottoPinto(Link):
     line of yielding, F = F_0 + (F_1 - F_0) x (b + (1 - b) / (1 + |x|^R)^(1/R)) with x = (s - r_0) / (r_1 - r_0),
     s = r - rest_length, b = hardening and R = R0 (1 - cR1 e / (cR2 + e)). e is the distance of the corner from the
     largest stretch on this side so far, in units of yield_force / stiffness; r is the distance of the ends.
+
+    Isotropic hardening moves the line of yielding: at a turn towards tension, its yield force is yield_force (1 + a3
+    d^0.8), where d is the range of the stretch so far, in units of 2 a4 yield_force / stiffness; and with a1 and a2 at
+    a turn towards compression.
 
     The link turns at an event: ``solution.events["giuffre menegotto pinto 0"]`` has the times and states. The state has
     six numbers: the turn, the corner, and by how much the largest and the smallest stretch exceeded the yield stretch.
@@ -80,17 +96,19 @@ class GiuffreMenegottoPinto(Link):
         Coefficients: how sharply the link yields at first, and how much less after large strains.
     rest_length : float or array_like
         m.
+    a1, a2, a3, a4 : float or array_like
+        Coefficients of the isotropic hardening in compression, a1 and a2, and in tension, a3 and a4.
 
     Raises
     ------
     ValueError
-        For a value outside these ranges, or stiffness, yield_force or R0 that is not positive.
+        For a value outside these ranges, or stiffness, yield_force, R0, a2 or a4 that is not positive.
 
     Notes
     -----
     Other codes: ``uniaxialMaterial Steel02`` of OpenSees.
 
-    Not included: isotropic hardening, a1 to a4 of ``Steel02``.
+    Not included: an initial stress, as sigInit of ``Steel02``, and buckling.
     """
 
     stiffness: ArrayLike
@@ -100,8 +118,12 @@ class GiuffreMenegottoPinto(Link):
     cR1: ArrayLike = 0.925  # noqa: N815 - as in OpenSees
     cR2: ArrayLike = 0.15  # noqa: N815
     rest_length: ArrayLike = 0.0
+    a1: ArrayLike = 0.0
+    a2: ArrayLike = 1.0
+    a3: ArrayLike = 0.0
+    a4: ArrayLike = 1.0
 
-    nonnegative = ("rest_length", "cR1", "cR2")
+    nonnegative = ("rest_length", "cR1", "cR2", "a1", "a3")
     crossing = 1
     state_size = 6
     source = "Menegotto and Pinto, IABSE Symposium on Resistance and Ultimate Deformability (1973) 15"
@@ -109,11 +131,14 @@ class GiuffreMenegottoPinto(Link):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("stiffness", "yield_force", "R0"):
+        require_yield(self)
+        for name in ("R0", "a2", "a4"):
             self.require(np.asarray(getattr(self, name)) > 0, f"{name} must be positive")
-        self.require((np.asarray(self.hardening) >= 0) & (np.asarray(self.hardening) < 1), "hardening must be 0 to 1")
+
+    @property
+    def state_after(self):
+        return next_branch_after_shift if np.any(self.a1) or np.any(self.a3) else next_branch
 
     tension = force_of_branch
     event = turning
-    state_after = next_branch
     ductility = over_yield

@@ -323,11 +323,6 @@ def assemble(
         raise ValueError("the scene has no mass that can move: add one with scene.mass(m, position).")
     placed, events, states, rates = numbered(cloud, placed)
     cloud, whole = _without_idle_points(cloud, placed, pair_forces), cloud
-    if rates and cloud.bodies.carried:
-        raise ValueError(
-            f"{next(iter(rates))} has a state with a rate, which a scene with points of rigid bodies does not support: "
-            "take masses instead of bodies."
-        )
     motions, moves = _motions(cloud, placed)
     bodies = _fused(_body_groups(cloud, placed))
     links = _fused(_link_groups(cloud, placed, moves))
@@ -379,7 +374,7 @@ def numbered(cloud: Cloud, placed: Sequence[Placed]) -> tuple[list[Placed], list
             counts[title] += size
             columns[EVENT] = len(events) + np.arange(size)
             events += names
-            if "state_after" in functions:
+            if "state_after" in functions and RATE not in functions:
                 numbers = range(effect.state_size)
                 columns[STATE] = len(states) + len(numbers) * np.arange(size)
                 states += names if len(numbers) == 1 else [f"{name} {k}" for name in names for k in numbers]

@@ -19,7 +19,9 @@ from ..functions.checks import reals
 from ..keywords import with_suggestions
 from .constraint import Constraint, Equation
 from .description import Description, Points
+from .effect import Link
 from .hinge_friction import HingeFriction, HingeFrictionInSpace
+from .hinge_law import HingeLaw, HingeLawInSpace
 from .hinge_motor import HingeMotor, HingeMotorInSpace
 from .point_joint import PointJoint
 from .prescribed_angle import PrescribedAngle, PrescribedAngleInSpace
@@ -94,9 +96,10 @@ class RigidBody:
     Other codes: ``revolute`` is a hinge of MuJoCo and ``ObjectJointRevoluteZ`` of exudyn; ``prismatic`` is a slide and
     ``ObjectJointPrismaticX``; ``spherical`` is a ball and ``ObjectJointSpherical``. Modelica has ``Joints.Revolute``,
     ``Prismatic``, ``Spherical`` and ``Universal``. ``motor`` with a torque(t, angle, rate) replaces position and
-    velocity actuators of MuJoCo, and ``friction`` its ``frictionloss`` and ``damping``.
+    velocity actuators of MuJoCo, and ``friction`` its ``frictionloss`` and ``damping``. ``torsional_spring`` is
+    ``TorsionalSpringDamper`` of exudyn, and a rotational ``zeroLength`` element with any uniaxial material of OpenSees.
 
-    Not included: limits of joints (MuJoCo's ``range``), armature, and friction that sticks.
+    Not included: rigid limits of joints (MuJoCo's ``range``; take a ``Gap``), armature, and friction that sticks.
     """
 
     scene: Description
@@ -196,6 +199,29 @@ class RigidBody:
         self.scene.add(
             (HingeMotor if axis is None else HingeMotorInSpace)(torque), *self._about(other, axis, "a motor")
         )
+
+    def torsional_spring(self, other: RigidBody | None, law: Link, axis: ArrayLike | None = None) -> None:
+        """Add a link of `eig3.effects` for the angle of the body relative to another body, or to the ground.
+
+        The link has the angle as its r, rad, and the torque as its tension, N m: a spring, a damper, a gap, or a
+        plastic hinge such as ``ElasticPlastic(stiffness=8e7, yield_force=3e5)``. Its states and events have the names
+        that they have between points. In space, the body must have a revolute joint with the same axis.
+
+        Parameters
+        ----------
+        other : RigidBody or None
+        law : Link
+            The angle is 0 at the start, and from -pi to pi; ``rest_length`` is an angle too.
+        axis : array_like, shape (3,), optional
+            In space, the axis of the joint; the angle is positive by the right-hand rule.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For what is not a link along one line, and for impacts.
+        """
+        kind = HingeLaw if axis is None else HingeLawInSpace
+        self.scene.add(kind(law), *self._about(other, axis, "a torsional spring"))
 
     def friction(
         self,

@@ -42,7 +42,7 @@ class BodiesText(Text):
         if not self._is_unrolled:  # unrolled source must not depend on the positions of the points
             points = [(parts[factors != 0], factors[factors != 0]) for parts, factors in points]
         self._carriers = [cloud.free[parts] for parts, _ in points]  # the masses that carry each point
-        self._sizes, self._degrees = [len(parts) for parts in self._carriers], assembly.degrees + 1
+        self._sizes, self._degrees = [len(x) for x in self._carriers], assembly.degrees + assembly.n_rates + 1
         self._begins = source.add(neighbours.as_floats(np.concatenate([[0], np.cumsum(self._sizes)])))
         self._parts = source.add(neighbours.as_floats(np.concatenate(self._carriers)))
         self._factors = source.add(np.concatenate([factors for _, factors in points]))

@@ -41,7 +41,7 @@ from .constraint_text import ConstraintText
 from .effect import FORCES, RESETS, Effect
 from .frictional_contact import FrictionalContact
 from .grains_text import GrainsText
-from .group_text import GroupText, MassesText
+from .group_text import MassesText
 from .lattice_sum import LatticeSum
 from .lattice_sum_text import LatticeSumText
 from .links_text import LinksText
@@ -137,10 +137,10 @@ class _Functions(Text):
         self._work = self._n_states + assembly.n_rates  # the index of the degree of freedom whose velocity is the work
         bodies = [MassesText(assembly, source, group) for group in assembly.bodies]
         links = [LinksText(assembly, source, group) for group in assembly.links]
-        self._groups: list[GroupText] = [*bodies, *links]
         self._bodies, self._links = _acting(bodies), _acting(links)
         self._moving = {number for links in self._links for number in links.group.motions}  # the motions of supports
         self._meshes = [MeshText(assembly, source, mesh) for mesh in assembly.meshes]
+        self._with_states: list[Any] = [*bodies, *links, *self._meshes]  # the groups that can have states and events
         self._supports = SupportsText(assembly, source) if assembly.supports.positions.size else None
         pair_forces = sorted(
             assembly.pair_forces, key=lambda pair_force: isinstance(pair_force.effect, FrictionalContact)
@@ -214,7 +214,7 @@ class _Functions(Text):
                 near.forces()
             for k in range(self._coordinates, self._n_states):
                 self._line(f"a[{k}] = 0.0")
-            for group in self._groups:
+            for group in self._with_states:
                 group.rates()
             if self._follows_work:
                 with self._block(f"if a.size > {self._work}"):  # a run that integrates the work
@@ -279,7 +279,7 @@ class _Functions(Text):
 
     def events(self) -> None:
         """Write the two functions of the events of each effect on a group."""
-        for group in self._groups:
+        for group in self._with_states:
             for law in group.having("event"):
                 one, k = group.of_laws([law]), len(self._occurring)
                 self._event(one, f"event_{k}")
@@ -385,7 +385,7 @@ class _Functions(Text):
         others = [masses for masses in self._bodies if masses not in on_all]
         return on_all, [*others, *self._links, *self._meshes]
 
-    def _event(self, group: GroupText, name: str) -> None:
+    def _event(self, group: Any, name: str) -> None:
         """Write the function whose zeros are the events of an effect on a group."""
         with group.member(f"{name}{self._suffix}(member, t, u, v, p)") as (s, i, j):
             offered = group.offered(s, i, j, "event")
@@ -394,7 +394,7 @@ class _Functions(Text):
             with self._function(f"{name}(member, t, u, v, p)"):
                 self._bodies_text.value(f"{name}_of_all(member, t, everywhere, speeds, p)")
 
-    def _reset(self, group: GroupText, name: str) -> None:
+    def _reset(self, group: Any, name: str) -> None:
         """Write the function that changes the state at the events of an effect on a group.
 
         In a run that integrates the work, the change of the energy is added to the work.

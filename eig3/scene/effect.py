@@ -56,7 +56,7 @@ class Effect:
     separate event and state. With the class variable `state_size`, a state is a tuple of so many numbers.
 
     With ``state_rate``, which returns the time derivative of the state, the state is a first-order unknown: it is 0 at
-    the start, and `solution.z` has it under the name of the effect.
+    the start, and `solution.z` has it under the name of the effect. With ``state_after``, events change it too.
 
     Attributes
     ----------
@@ -123,6 +123,10 @@ class Effect:
     def title(self) -> str:
         """The name of the effect in errors and listings."""
         return type(self).__name__
+
+    def parameters(self) -> list[str]:
+        """Return the names of the fields, which the functions can take."""
+        return [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
 
     def components(self, vector: str, dimension: int) -> int:
         """Return how many components a vector has in a scene of `dimension` dimensions."""
@@ -259,8 +263,6 @@ class Effect:
             raise TypeError(
                 f"{self.title} must have a function state_after or state_rate, because {reading[0]} reads the state."
             )
-        if len(changing) > 1:
-            raise TypeError(f"{self.title} must have one of the functions state_after and state_rate, not both.")
 
     def _check_names(self, what: str) -> None:
         """Check that a class variable is a tuple of names of fields that have a value."""
@@ -522,7 +524,7 @@ def arguments(function: Any) -> tuple[str, ...]:
 
 
 def _fields(effect: Effect) -> list[str]:
-    return [field.name for field in dataclasses.fields(effect)]  # type: ignore[arg-type]
+    return effect.parameters()
 
 
 def _given(effect: Effect) -> list[str]:

@@ -13,8 +13,9 @@ import numpy as np
 
 from .assembly import Assembly
 from .cell import Cell
+from .effect import RATE
 from .placed import Placed
-from .source import Column, Source, entry
+from .source import Column, Source, Symbols, entry
 from .text import BlockText, Text, of_part
 
 
@@ -31,6 +32,7 @@ class MeshText(BlockText):
         super().__init__(assembly, source)
         assert isinstance(mesh.effect, Cell)
         self._effect, self._law, corners = mesh.effect, source.symbols(mesh), np.array(mesh.points)
+        self.laws = [self._law]
         self._table = source.add(corners)  # the first corners of all cells; the second corners follow, and so on
         count, self.size = corners.shape
         self._indices = [f"i{c}" for c in range(count)]
@@ -68,13 +70,46 @@ class MeshText(BlockText):
                     with self._only_if(f"{i} {side} {self._n}" if self._is_held else ""):
                         self._line(f"total {sign} {product}")
 
+    # As the groups of links
+
+    def having(self, *functions: str) -> list[Symbols]:
+        """Return the law, if it has one of these functions."""
+        return [law for law in self.laws if any(f in law.functions for f in functions)]
+
+    def of_laws(self, laws: list[Symbols]) -> MeshText:
+        return self
+
+    def rates(self) -> None:
+        """Write the rates of the states that are first-order unknowns."""
+        if self.having(RATE):
+            with self._loop():
+                self._given(RATE)
+                self._line(f"{self._law.columns[RATE].of('s')} = {self._law.call(RATE, 's', self._offered)}")
+
+    @contextmanager
+    def member(self, head: str) -> Iterator[tuple[str, str, str]]:
+        """Write a function for one cell."""
+        with self._function(head):
+            self._line("s = index(member)")
+            self._corners()
+            yield "s", "", ""
+
+    def offered(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
+        """Compute the arguments that these functions of a cell can take; return their source by name."""
+        self._line(*self._law.constants(*functions))
+        self._given(*functions)
+        return self._offered
+
     @contextmanager
     def _loop(self) -> Iterator[None]:
         self._line(*self._law.constants(*self._law.functions))
         with self._block(f"for s in range({self.size})"):
-            for c, i in enumerate(self._indices):
-                self._line(f"{i} = index({entry('p', self._table + c * self.size, 's')})")
+            self._corners()
             yield
+
+    def _corners(self) -> None:
+        for c, i in enumerate(self._indices):
+            self._line(f"{i} = index({entry('p', self._table + c * self.size, 's')})")
 
     def _push(self, *, power: bool = False) -> None:
         """Compute the forces on the points of a cell."""
@@ -84,13 +119,13 @@ class MeshText(BlockText):
             self._line(f"{conjugate} = {self._law.call(conjugate, 's', self._offered)}")
         self._line(f"push = {self._law.call('forces', 's', self._offered)}")
 
-    def _given(self, function: str, *, power: bool = False) -> None:
-        """Compute the arguments that this function of a cell can take."""
+    def _given(self, *functions: str, power: bool = False) -> None:
+        """Compute the arguments that these functions of a cell can take."""
         variable, law = self._effect.variable, self._law
-        needs_rate = bool(variable) and law.reads("rate", function)
-        if variable or law.reads("x", function):
+        needs_rate = bool(variable) and law.reads("rate", *functions)
+        if variable or law.reads("x", *functions):
             self._points("x", "u")
-        if needs_rate or power or law.reads("v", function):
+        if needs_rate or power or law.reads("v", *functions):
             self._points("velocity", "v")
         if variable:
             self._line(f"{variable} = {law.call('value', 's', self._offered)}")

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 _LAST = "r[0]"
 
 #: The largest numbers of rows of constraints (and of points of bodies) and of degrees of freedom for unrolled lines:
-#: with more, compilation takes longer than most ensembles.
-_FEW, _FEW_DEGREES = 8, 24
+#: with more, compilation takes longer than most ensembles. Their states with a rate have room in ``batch()``.
+_FEW, _FEW_DEGREES, _FEW_RATES = 8, 24, 96
 
 
 def is_few(assembly: Assembly) -> bool:
@@ -31,7 +31,7 @@ def is_few(assembly: Assembly) -> bool:
     system = assembly.constraints
     if system is None or system.kinds or assembly.pair_forces:
         return False
-    is_small = assembly.size <= _FEW_DEGREES and assembly.n - assembly.own <= _FEW
+    is_small = assembly.size <= _FEW_DEGREES and assembly.n - assembly.own <= _FEW and assembly.n_rates <= _FEW_RATES
     return len(system.names) <= _FEW and is_small
 
 

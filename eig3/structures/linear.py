@@ -107,7 +107,8 @@ def linear(
     edge = edge_of_blocks(matrices.values())
     blocks = {name: matrix.tobsr((edge, edge)) if edge > 1 else matrix for name, matrix in matrices.items()}
     copies, of_mass = _of_mass(mass)
-    kinds, of_links = check_links(links, names, n)
+    u0 = _start(u0, "u0", n)
+    kinds, of_links = check_links(links, names, n, u0)
     values = {"size": n} | of_links | of_mass | blocks  # events read the links, whose places are found faster if first
     has |= set(matrices)
     if damping is not None:
@@ -126,7 +127,7 @@ def linear(
     if taken:
         raise ValueError(f"params must not have the name {taken[0]}, which the structure has already.")
     parts = Parts(frozenset(has), edge, copies, threads, kinds)
-    u0, v0, t_span = _start(u0, "u0", n), _start(v0, "v0", n), check_span(t_span)
+    v0, t_span = _start(v0, "v0", n), check_span(t_span)
     every = Parameters(values | own)
     why = _FUNCTION if "force" in has else _LINKS if links else ""
     return Structure(

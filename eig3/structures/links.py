@@ -70,7 +70,7 @@ class Kind(NamedTuple):
         return [name for name in read if name not in ("t", "r", "rate", "state")]
 
 
-def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, ...], dict[str, Any]]:
+def check_links(links: Any, names: Sequence[str], n: int, u0: np.ndarray) -> tuple[tuple[Kind, ...], dict[str, Any]]:
     """Return the kinds of links, and their parameters by name.
 
     Parameters
@@ -81,6 +81,8 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
     names : sequence of str
         The names of the degrees of freedom.
     n : int
+    u0 : ndarray, shape (n,)
+        For links that break.
 
     Raises
     ------
@@ -108,7 +110,10 @@ def check_links(links: Any, names: Sequence[str], n: int) -> tuple[tuple[Kind, .
         kind = Kind(words(law.title), tuple(acting.items()), law.crossing, law.state_size, law.directions, vectors)
         if "rate_after" in law.functions():
             raise ValueError(f"{said} changes velocities at events, which a structure does not take: use a scene.")
-        parts.setdefault(kind, []).append((ends, law.columns(ends[0].shape[:1], 1)))
+        columns = law.columns(ends[0].shape[:1], 1)
+        if hasattr(law, "check_whole"):
+            law.check_whole(columns, np.diff(np.append(u0, 0.0)[ends], axis=0)[0])  # the ground is the last
+        parts.setdefault(kind, []).append((ends, columns))
     if not parts:
         return (), {}
     values: dict[str, Any] = {"states": 0}

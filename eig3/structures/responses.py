@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -109,16 +109,17 @@ def link_ductility(problem: Problem) -> tuple[Any, int]:
     TypeError, ValueError
         If the problem has no links that yield.
     """
-    p, parts = _params(problem, "states"), parts_of(problem)
-    count = sum(len(p[f"link_{k}_first"]) for k, kind in enumerate(parts.links) if "ductility" in kind.names)
+    function, count = _of_links(problem, "ductility", len)
     if not count:
         raise ValueError("problem must have links that yield, such as ElasticPlastic.")
-    return source.of_links(parts, "ductility"), count
+    return function, count
 
 
-def _of_links(problem: Problem, what: str) -> tuple[Any, int]:
+def _of_links(problem: Problem, what: str, values: Callable[[Any], int] = np.size) -> tuple[Any, int]:
+    """Return the output of the links that have a value, and the number of values, by the ends of each kind."""
     p, parts = _params(problem, "states"), parts_of(problem)
-    return source.of_links(parts, what), sum(np.size(p[f"link_{k}_first"]) for k in range(len(parts.links)))
+    having = (k for k, kind in enumerate(parts.links) if what != "ductility" or what in kind.names)
+    return source.of_links(parts, what), sum(values(p[f"link_{k}_first"]) for k in having)
 
 
 def parts_of(problem: Problem) -> source.Parts:

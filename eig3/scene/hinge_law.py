@@ -1,0 +1,104 @@
+"""A law of links in the hinge between two bodies: its stretch is the angle, and its tension a torque against it."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..functions.callbacks import jit
+from ..kernels.compile.source import Writer, define
+from ..kernels.friction import couple_in_plane, couple_in_space, rate_in_plane, rate_in_space
+from ..kernels.vector_angle import angle_in_plane, angle_in_space
+from .cell import Cell
+from .effect import RATE, Effect, arguments
+from .of_law import OfLaw
+
+_OF_ANGLE = ("t", "x", "v", "state")
+_PULLS = {"tension": "", "force_density": " * r"}
+
+
+@dataclass(frozen=True, eq=False)
+class HingeLaw(OfLaw, Cell):
+    """A law between two bodies, which have the vectors x0 and x1 in the plane."""
+
+    law: Any
+
+    takes = (2,)
+    dimensions = (2,)
+    offers: ClassVar[dict[str, tuple[str, ...]]] = {
+        **dict.fromkeys(("forces", "event", "state_after", RATE), _OF_ANGLE),
+        "potential": ("x", "state"),
+    }
+
+    def __post_init__(self) -> None:
+        self.check_law()
+        if "rate_after" in self.law.functions():
+            raise TypeError(f"{self.law.title} changes velocities at events, which a hinge does not support.")
+        super().__post_init__()
+
+    def check_points(
+        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
+    ) -> None:
+        super().check_points(masses, positions, columns)
+        if hasattr(self.law, "check_whole"):
+            self.law.check_whole(columns, np.zeros(1))
+
+    @property
+    def title(self) -> str:
+        return str(self.law.title)
+
+    @property
+    def source(self) -> str:  # type: ignore[override]
+        return str(self.law.source)
+
+    @property
+    def crossing(self) -> int:  # type: ignore[override]
+        return int(self.law.crossing)
+
+    def functions(self) -> dict[str, Any]:
+        return dict(_of_angle(tuple(self.law.functions().items()), self.dimensions[0]))
+
+    def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
+        check = Cell._check_returned if name == "forces" else Effect._check_returned
+        check(self, name, returned, dimension)
+
+
+@dataclass(frozen=True, eq=False)
+class HingeLawInSpace(HingeLaw):
+    """A law about the unit vector x2 of the second body, which is perpendicular to x0 and x1."""
+
+    takes = (3,)
+    dimensions = (3,)
+
+
+@functools.lru_cache(256)
+def _of_angle(inner: tuple[tuple[str, Any], ...], dimension: int) -> Any:
+    """Return functions of the vectors that call a law. The same law gives the same functions, so scenes share code."""
+    known, out = dict(inner), Writer()
+    pulls = [name for name in _PULLS if name in known]
+    calls = {name: f"law_{name}({', '.join(arguments(function))})" for name, function in inner}
+    torque = " + ".join(calls[name] + _PULLS[name] for name in pulls)
+    given = {
+        name: (arguments(known[name]), calls[name])
+        for name in ("potential", "event", "state_after", RATE)
+        if name in known
+    }
+    given["forces"] = ("r", *(x for name in pulls for x in arguments(known[name]))), f"couple(x, -({torque}))"
+    for name, (read, value) in given.items():
+        taken = ["x"] * bool({"r", "rate"} & {*read}) + ["v"] * ("rate" in read)
+        with out.block(
+            f"def {name}({', '.join([*taken, *(x for x in dict.fromkeys(read) if x not in ('r', 'rate'))])})"
+        ):
+            if "r" in read:
+                out.line(f"r = angle({', '.join(f'x[{k}]' for k in range(dimension))})")
+            if "rate" in read:
+                out.line("rate = rate_of(x, v)")
+            out.line(f"return {value}")
+    plane = {"angle": angle_in_plane, "rate_of": rate_in_plane, "couple": couple_in_plane}
+    space = {"angle": angle_in_space, "rate_of": rate_in_space, "couple": couple_in_space}
+    names = {"__name__": __name__, **(plane if dimension == 2 else space), **{f"law_{name}": f for name, f in inner}}
+    defined = define(str(out), "hinge", names)
+    return tuple((name, jit(defined[name])) for name in given)
