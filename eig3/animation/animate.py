@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -14,6 +14,8 @@ from .. import drawing
 from ..functions.checks import check_time
 from ..result.solution import Solution
 from .film import RATE, Film
+from .geometry import geometry
+from .look import Look
 from .redraw import Redraw
 from .second_process import with_second_process
 from .writers import WRITERS, check_writer, kind_of, write_film
@@ -30,6 +32,8 @@ def animate(
     solution: Solution,
     path: str | PathLike[str],
     *,
+    name: str = "",
+    look: Mapping[str, Any] | None = None,
     has_seconds: bool = True,
     t_end: float | None = None,
 ) -> Path:
@@ -40,6 +44,10 @@ def animate(
     view : callable
     solution : Solution
     path : str or path
+    name : str
+        The name of the problem.
+    look : dict, optional
+        The limits, the camera and the color that the user chose; None for what is not chosen.
     has_seconds : bool
         Whether the time is in seconds; if not, it has no unit.
     t_end : float, optional
@@ -57,6 +65,9 @@ def animate(
             f"t_end must be the end of the whole run, at or after t = {solution.t[-1]:g} where the solution ends, not "
             f"{t_end!r}."
         )
+    if any(x is not None for x in (look or {}).values()):
+        mechanism = geometry(view, name, "leave out limits, camera and color for a film of")
+        view = partial(mechanism, look=Look.of(mechanism, solution, **(look or {})))
     import matplotlib as mpl
     from PIL import Image
 
