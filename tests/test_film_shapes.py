@@ -11,7 +11,7 @@ import pytest
 from eig3.animation import Film, Mechanism, Solid
 from eig3.animation.look import Look
 from eig3.animation.shapes import edges_of_box, half_size, surface
-from eig3.effects import Gravity
+from eig3.effects import Gravity, HertzContact, HertzMindlin
 from eig3.problems import argon, single_dof, tumbling_box
 from eig3.scene import Scene
 
@@ -298,3 +298,18 @@ def test_a_film_and_a_page_take_the_same_look(tmp_path):
     data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page)[1])
     assert data["limits"] == np.transpose(look["limits"]).tolist()
     assert (data["camera"], data["colored"]) == ([10, 20, 1.5], "speed")
+
+
+@pytest.mark.parametrize(("wall", "radius"), [(None, 0.15), (0.3, 0.3)])
+def test_fixed_points_of_a_second_group_are_discs_that_the_first_touches(wall, radius):
+    """The walls of Hertz's contact have what the largest of the balls leaves, and Mindlin's their wall_radius."""
+    scene = Scene(dimension=2)
+    balls, posts = scene.mass(1.0, [(0.0, 1.0), (1.0, 1.0)], inertia=0.1), scene.fixed([(0.0, 0.0), (1.0, 0.0)])
+    radii = np.array([0.1, 0.2])
+    if wall is None:
+        scene.add(HertzContact(1e4, radii=radii), balls)
+        scene.add(HertzContact(1e4, 0.35), balls, others=posts)
+    else:
+        scene.add(HertzMindlin(1e6, 0.3, 0.5, 0.9, radii=radii, wall_radius=wall), balls, others=posts)
+    found = scene.problem((0, 1)).view.radii
+    np.testing.assert_allclose(found, [*radii, radius, radius], rtol=1e-12)

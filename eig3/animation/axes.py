@@ -143,8 +143,8 @@ class Plane:
         from matplotlib.collections import EllipseCollection
 
         radii, start = discs.radii, np.zeros((discs.radii.size, 2))
-        style: dict[str, Any] = {"facecolor": discs.color, "edgecolor": f"{_OUTLINE}", "alpha": _OPACITY}
-        style["linewidth"] = 0.6 if radii.size < _MANY else 0.1
+        outline = {"edgecolor": f"{_OUTLINE}", "linewidth": 0.6} if radii.size < _MANY else {"edgecolor": "none"}
+        style: dict[str, Any] = {"facecolor": discs.color, "alpha": _OPACITY, **outline}
         shown = EllipseCollection(2 * radii, 2 * radii, 0 * radii, units="xy", offsets=start, zorder=2.5, **style)
         shown.set_offset_transform(self.axes.transData)
         self.axes.add_collection(shown, autolim=False)
