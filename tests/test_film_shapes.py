@@ -313,3 +313,17 @@ def test_fixed_points_of_a_second_group_are_discs_that_the_first_touches(wall, r
         scene.add(HertzMindlin(1e6, 0.3, 0.5, 0.9, radii=radii, wall_radius=wall), balls, others=posts)
     found = scene.problem((0, 1)).view.radii
     np.testing.assert_allclose(found, [*radii, radius, radius], rtol=1e-12)
+
+
+def test_values_colour_bodies_by_their_number():
+    """Points that show the axes of bodies have no value."""
+    scene = Scene(dimension=3)
+    for place in (0, 1):
+        scene.body(1.0, (0.1, 0.2, 0.3), (place, 0, 0), angular_velocity=(0, 0, 1.0), shape=("sphere", 0.4))
+    problem = scene.problem((0, 1))
+    solution = problem.integrate(h=0.01)
+    values = np.tile([1.0, 2.0], (len(solution.t), 1))
+    axes, pixels = pixels_of(problem.view, solution, color=values)
+    dark, light = (color_at(axes, pixels, place) for place in [(0, 0, 0), (1, 0, 0)])
+    assert light[0] > 120 > dark[0]  # viridis begins with violet and ends with yellow
+    assert light[1] > 120 > dark[1]

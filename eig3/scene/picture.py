@@ -141,6 +141,7 @@ def geometry_and_view(
         strings={k: geometry.strings[number] for k, number in enumerate(drawn) if number in geometry.strings},
         faces=faces,
         hidden=hidden,
+        vectors=geometry.vectors,
         fixed=geometry.fixed,
         radii=np.append(radii, np.zeros(len(corners))),
         trails=masses if dimension > 1 and masses.size <= _TRAILS else (),

@@ -74,7 +74,8 @@ def content(
     for k, trail in enumerate(_trails(frames)):
         blocks[f"trail{k}"] = text_of(trail.astype(np.float32))
     motion = mechanism.in_box(x.min(axis=(0, 1)), x.max(axis=(0, 1)))
-    positions, bits = _positions(x[..., : 3 - is_flat], *motion, _LARGEST - sum(len(text) for text in blocks.values()))
+    spare = _LARGEST - sum(len(text) for text in blocks.values())
+    positions, bits = _positions(x[..., : 3 - is_flat], *motion, largest=spare)
     scale, unit = film.clock
     data = {
         "lines": [*lines, mechanism.note] if mechanism.note else list(lines),
@@ -101,7 +102,7 @@ def content(
     return data, {"positions": positions, **blocks}
 
 
-def _positions(x: np.ndarray, low: np.ndarray, high: np.ndarray, largest: float) -> tuple[str, int]:
+def _positions(x: np.ndarray, low: np.ndarray, high: np.ndarray, *, largest: float) -> tuple[str, int]:
     """Return the coded positions, with as many bits as `largest` bytes allow, and the number of bits."""
     axes = x.shape[2]
     bits = _BITS
