@@ -156,13 +156,14 @@ class Mechanism(Geometry):
     def _polygons(self, whole: np.ndarray, x: np.ndarray, tints: Callable[[Any], Any]) -> list[Faces]:
         """Return the faces of the surface and of the bodies; of these, the centre must be within the limits."""
         faces = [Faces(x[:, np.asarray(self.faces)], tints=tints(np.asarray(self.faces)))] if len(self.faces) else []
-        bodies: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
+        kinds: dict[int, list[Solid]] = {}
         for solid in self._drawn:
-            corners = np.where(np.isfinite(x[:, None, None, solid.points[0]]), surface(solid, whole), np.nan)
-            bodies.setdefault(corners.shape[2], []).append((corners, np.full(corners.shape[1], solid.points[0])))
-        for _, some in sorted(bodies.items()):
-            corners, centres = (np.concatenate(parts, axis=-3 % parts[0].ndim) for parts in zip(*some, strict=True))
-            faces.append(Faces(corners, _CLEAR if len(self.links) else 1.0, tints(centres)))
+            kinds.setdefault(surface(solid, whole[:1]).shape[2], []).append(solid)
+        for _, solids in sorted(kinds.items()):
+            shown = [np.where(np.isfinite(x[:, None, None, s.points[0]]), surface(s, whole), np.nan) for s in solids]
+            centres = np.repeat([s.points[0] for s in solids], [each.shape[1] for each in shown])
+            opacity = _CLEAR if len(self.links) else 1.0
+            faces.append(Faces(np.concatenate(shown, axis=1), opacity, tints(centres)))
         return faces
 
     def _discs(self, x: np.ndarray, radii: np.ndarray, tints: Callable[[Any], Any]) -> list[Discs]:
