@@ -138,6 +138,8 @@ def test_two_discs_of_a_few_do_not_scale_the_film():
     assert right < 3.0
     assert left < 0.0 < 1.0 < right
     assert low < -0.05 < 1.0 < high
+    colored = axes_of(partial(problem.view, look=Look.of(problem.view, solution, color="speed")), solution)
+    assert colored.figure.axes[1].get_ylim()[1] < 1.0  # m/s, without the two
     whole = partial(problem.view, look=Look.of(problem.view, solution, limits="all"))
     assert axes_of(whole, solution).get_xlim()[1] > 30.0
 

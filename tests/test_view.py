@@ -406,6 +406,25 @@ def test_the_browser_decodes_what_was_coded(opened, pendulum):
     np.testing.assert_allclose(found, solution.at(t)[0], atol=2 * size / 2**16)
 
 
+@pytest.mark.system
+def test_the_page_begins_with_the_camera_and_the_colour_of_the_user(browser, tmp_path):
+    problem, solution = gas()
+    tab = browser.new_page()
+    tab.goto(problem.show(solution, tmp_path / "page.html", camera=(30, 40, 2), color="speed").path.as_uri())
+    tab.wait_for_selector("#legend:visible")
+    assert tab.locator("#color").input_value() == "speed"
+    seen = np.array(tab.evaluate("camera.position.clone().sub(controls.target).toArray()"))
+    distance = np.linalg.norm(seen)
+    turn, rise = np.radians([30, 40])
+    level = np.cos(rise)
+    np.testing.assert_allclose(
+        seen / distance, [level * np.cos(turn), level * np.sin(turn), np.sin(rise)], atol=1e-4
+    )  # POLE
+    tab.evaluate("() => { data.camera[2] = 1; resetView(); }")
+    nearer = tab.evaluate("camera.position.distanceTo(controls.target)")
+    assert distance == pytest.approx(2 * nearer, rel=1e-9)
+
+
 def test_a_film_and_a_page_show_the_same_times(pendulum, tmp_path):
     problem, solution = pendulum
     film, found = Film.of(solution), data(problem.show(solution, tmp_path / "page.html").html)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from .film import Film
-from .shapes import Solid, half_size, main_part, wrapped
+from .shapes import Solid, are_near, half_size, wrapped
 
 _SHORT = 1e-3  # of the time between frames, for velocities
 
@@ -71,6 +72,17 @@ class Frames:
         given = self.mechanism.radii
         return np.asarray(given, dtype=float) if len(given) else np.zeros(self.x.shape[1])
 
+    @cached_property
+    def near(self) -> np.ndarray:
+        """The numbers of the points without the few that fly far away, and without those that show axes of bodies."""
+        own = _without_ends(self.mechanism, self.x.shape[1])
+        return np.asarray(own[are_near(self.x[:, own].min(axis=0), self.x[:, own].max(axis=0))])
+
+    @property
+    def visible(self) -> np.ndarray:
+        """The numbers of the near points whose values are visible as colours."""
+        return np.intersect1d(self.near, self.mechanism.seen(self.x.shape[1]))
+
     def box(
         self, limits: Any, solids: Iterable[Solid], places: Iterable[np.ndarray] = ()
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -87,15 +99,14 @@ class Frames:
         """
         if not isinstance(limits, str):
             return limits[0], limits[1]
-        ends = [point for solid in self.mechanism.solids for point in solid.points[1:]]
         size = self.radii[:, None] * np.ones(self.x.shape[2])
         least, most = self.x.min(axis=0) - size, self.x.max(axis=0) + size
         for solid in solids:
             centre, *others = solid.points
             half = half_size(solid.kind, self.x[:, others] - self.x[:, [centre]])
             least[centre], most[centre] = (self.x[:, centre] - half).min(axis=0), (self.x[:, centre] + half).max(axis=0)
-        least, most = np.delete(least, ends, axis=0), np.delete(most, ends, axis=0)
-        low, high = main_part(least, most) if limits == "main" else (least.min(axis=0), most.max(axis=0))
+        some = self.near if limits == "main" else _without_ends(self.mechanism, self.x.shape[1])
+        low, high = least[some].min(axis=0), most[some].max(axis=0)
         for place in (*places, *(np.atleast_2d(place) for place, *_ in self.mechanism.marks)):
             low, high = np.minimum(low, place.min(axis=0)), np.maximum(high, place.max(axis=0))
         return self.mechanism.in_box(low, high)
@@ -127,8 +138,12 @@ def colored(mechanism: Any, points: int, values: np.ndarray) -> np.ndarray | Non
 
     The columns are all points, or those without the points that only show the axes of bodies, or the moving ones.
     """
-    ends = [point for solid in mechanism.solids for point in solid.points[1:]]
     every = np.arange(points)
-    own = np.setdiff1d(every, [*ends, *mechanism.vectors])
+    own = np.setdiff1d(_without_ends(mechanism, points), mechanism.vectors)
     kinds = every, own, np.setdiff1d(every, mechanism.fixed), np.setdiff1d(own, mechanism.fixed)
     return next((some for some in kinds if values.ndim == 2 and values.shape[1] == some.size), None)
+
+
+def _without_ends(mechanism: Any, points: int) -> np.ndarray:
+    """Return the numbers of the points that are more than the ends of the axes of bodies."""
+    return np.setdiff1d(np.arange(points), [point for solid in mechanism.solids for point in solid.points[1:]])

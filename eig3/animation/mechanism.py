@@ -140,7 +140,7 @@ class Mechanism(Geometry):
         if not look.color:
             return lambda some: None
         (color,) = look.colors(frames, [look.color])
-        scale = scale_of(figure, axes, color, self.seen(frames.x.shape[1]))
+        scale = scale_of(figure, axes, color, frames.visible)
 
         def tints(some: Any) -> Tints:
             values = color.values[:, some]

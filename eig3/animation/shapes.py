@@ -93,21 +93,19 @@ def cut(normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) ->
     return np.asarray(cuts[np.argsort(around)])
 
 
-def main_part(least: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return two corners of the box around points, without the few that fly far away.
+def are_near(least: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Return whether each point is one of most points, and not one of a few that fly far away.
 
     `least` and `most`, of the shape (points, 2 or 3), are the ends of the motion of each point along each axis.
     """
-    low, high = least.min(axis=0), most.max(axis=0)
     if len(least) <= _FEW:
-        return low, high
+        return np.ones(len(least), dtype=bool)
     away = max(_AWAY[0], int(_AWAY[1] * len(least)))
-    from_, to = np.sort(least, axis=0)[away], np.sort(most, axis=0)[-1 - away]
-    size = (to - from_).max()
-    if (high - low).max() <= _LOST * size:
-        return low, high
-    is_near = ((least >= from_ - size) & (most <= to + size)).all(axis=1)
-    return least[is_near].min(axis=0), most[is_near].max(axis=0)
+    low, high = np.sort(least, axis=0)[away], np.sort(most, axis=0)[-1 - away]
+    size = (high - low).max()
+    if (most.max(axis=0) - least.min(axis=0)).max() <= _LOST * size:
+        return np.ones(len(least), dtype=bool)
+    return np.asarray(((least >= low - size) & (most <= high + size)).all(axis=1))
 
 
 def wrapped(x: np.ndarray, t: np.ndarray, box: Any, shear: float = 0.0) -> np.ndarray:

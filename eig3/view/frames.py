@@ -66,7 +66,7 @@ def content(
     colors = []
     for k, color in enumerate(given):
         name, unit, values = color
-        least, most = color.range(mechanism.seen(x.shape[1]))
+        least, most = color.range(frames.visible)
         if most > least:
             levels = rounded(values, np.array(least), np.array(most - least), 8)
             blocks[f"color{k}"] = text_of(differences(levels, 8))
