@@ -138,7 +138,9 @@ class Frame:
             if side not in ("start", "end") or side in releases or section.is_bar:
                 raise ValueError(f'hinges must be at "start" or "end", where the member has a moment, not at {side!r}.')
             if self.dimension == 3 and not isinstance(given, Mapping):
-                raise TypeError(f'hinges[{side!r}] must name directions in space, such as {{"ry": ElasticPlastic(...)}}.')
+                raise TypeError(
+                    f'hinges[{side!r}] must name directions in space, such as {{"ry": ElasticPlastic(...)}}.'
+                )
             for direction, law in given.items() if isinstance(given, Mapping) else [(rotations[0], given)]:
                 if direction not in rotations:
                     raise unknown_name(f"hinges[{side!r}] has", str(direction), rotations, ValueError)
@@ -395,7 +397,11 @@ class Frame:
         d = len(DIRECTIONS[self.dimension])
         rows, columns, entries, masses = [], [], [], np.zeros(len(every))
         for k, (start, end, member) in enumerate(self._members):
-            names = self._ends(k) if hinged else [f"{node}.{x}" for node in (start, end) for x in DIRECTIONS[self.dimension]]
+            names = (
+                self._ends(k)
+                if hinged
+                else [f"{node}.{x}" for node in (start, end) for x in DIRECTIONS[self.dimension]]
+            )
             places = np.array([number[name] for name in names])
             K, m = member.matrices
             masses[places] += m
