@@ -1,6 +1,7 @@
 """A steel frame whose slender braces buckle in an earthquake."""
 
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -91,7 +92,7 @@ def _brace(frame, start, end, camber, section):
     across = camber * np.array([-along[1], along[0]])
     for k, name in enumerate(nodes[1:-1], 1):
         frame.node(name, *(first + along * k / PARTS + across * np.sin(np.pi * k / PARTS)))
-    for k, (one, other) in enumerate(zip(nodes[:-1], nodes[1:], strict=True)):
+    for k, (one, other) in enumerate(pairwise(nodes)):
         frame.member(one, other, section, releases=["start"] * (k == 0) + ["end"] * (k == PARTS - 1))
 
 

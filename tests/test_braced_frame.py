@@ -11,7 +11,7 @@ from eig3.structures import Frame, Section, link_forces
 
 
 def test_a_cambered_brace_shortens_as_in_eulers_theory():
-    """A heavy mass pushes it slowly. The camber e grows to e / (1 - P / P_E), and the shortening P L / (E A) by its bow.
+    """A heavy mass pushes it. The camber e grows to e / (1 - P / P_E), and the bow adds to the shortening P L / (E A).
 
     The chain of n members buckles at 1 + pi^2 / (12 n^2) times Euler's load, 0.6 % above. The waves of the start and
     the damper, which keeps the bow from vibrating, are below 0.5 % of the load.

@@ -149,16 +149,12 @@ class Frame:
                 found[side, direction] = law
         return found
 
-    def _ends(self, number: int) -> list[str]:
-        """Return the names of the degrees of freedom of both ends of a member, with the rotations at its hinges."""
+    def _ends(self, number: int, hinged: bool = True) -> list[str]:
+        """Return the names of the degrees of freedom of both ends of a member; with `hinged`, also of its hinges."""
         start, end, _ = self._members[number]
-        return [
-            self._hinges[number, side, direction][0]
-            if (number, side, direction) in self._hinges
-            else f"{node}.{direction}"
-            for side, node in (("start", start), ("end", end))
-            for direction in DIRECTIONS[self.dimension]
-        ]
+        sides = [(side, node, x) for side, node in (("start", start), ("end", end)) for x in DIRECTIONS[self.dimension]]
+        hinges = self._hinges if hinged else {}
+        return [hinges[number, side, x][0] if (number, side, x) in hinges else f"{node}.{x}" for side, node, x in sides]
 
     def mass(self, node: str, m: float, inertia: float = 0.0) -> None:
         """Add a mass, kg, to a node, and a moment of inertia, kg m^2, to its rotations.
@@ -396,13 +392,8 @@ class Frame:
         number = {name: i for i, name in enumerate(every)}
         d = len(DIRECTIONS[self.dimension])
         rows, columns, entries, masses = [], [], [], np.zeros(len(every))
-        for k, (start, end, member) in enumerate(self._members):
-            names = (
-                self._ends(k)
-                if hinged
-                else [f"{node}.{x}" for node in (start, end) for x in DIRECTIONS[self.dimension]]
-            )
-            places = np.array([number[name] for name in names])
+        for k, (*_, member) in enumerate(self._members):
+            places = np.array([number[name] for name in self._ends(k, hinged)])
             K, m = member.matrices
             masses[places] += m
             rows.append(np.repeat(places, 2 * d))
