@@ -119,9 +119,7 @@ def test_outputs_invariants_extremes_and_events_have_errors(steps, method):
     assert 0.25 < error.drift["energy"] / solution.drift["energy"] < 4  # a maximum over steps is not smooth either
     assert abs(error.extremes["height"].low) < 3 * abs(solution.extremes["height"].low + 1)
     assert error.largest.keys() >= {"u", "v", "energy", "down"}
-    assert ("height" in error.outputs) == ("h" in steps)
-    if error.outputs:
-        np.testing.assert_array_equal(error.outputs["height"], error.u)
+    np.testing.assert_array_equal(error.outputs["height"], error.u)
 
 
 @eig3.jit
@@ -135,11 +133,21 @@ def energy(t, u, v, p):
 
 
 def test_the_work_has_an_error():
+    """With tolerances, the error of the compared run and the change of its steps leave a larger difference."""
     damped = eig3.linear([1.0], [[0.1]], [[1.0]], t_span=(0, 20), u0=1.0, work=True)
-    solution = damped.integrate(h=0.02, check=True)
-    exact = damped.integrate(rtol=1e-12, t_eval=solution.t).z["work"]
-    error = solution.z["work"] - exact
-    assert np.abs(solution.error.z["work"] - error).max() < 0.1 * np.abs(error).max()
+    for options, rest in (({"h": 0.02}, 0.1), ({"rtol": 1e-6, "method": "rk8"}, 0.5)):
+        solution = damped.integrate(check=True, **options)
+        exact = damped.integrate(rtol=1e-12, t_eval=solution.t).z["work"]
+        error = solution.z["work"] - exact
+        assert np.abs(solution.error.z["work"] - error).max() < rest * np.abs(error).max()
+
+
+@pytest.mark.parametrize("method", ["rk5", "rk8"])
+def test_the_jump_of_a_reset_is_no_error(method):
+    """The compared runs bounce some round-off earlier or later; the velocity then differs by 20 m/s for a moment."""
+    solution = problems.bouncing_ball().integrate(rtol=1e-6, method=method, check=True)
+    assert (np.diff(solution.t) == 0).sum() > 5
+    assert np.abs(solution.error.v).max() < 1e-10
 
 
 def test_the_order_is_the_root_of_the_ratio_of_the_differences():

@@ -53,6 +53,9 @@ def reach_members(
         ``run(options)`` runs the ensemble with the check of errors.
     """
     check_accuracy_names(goal, options)
+    for name in () if options.save_every is None else (*options.functions.outputs, *options.first_order.names):
+        if name in goal.wanted:
+            raise ValueError(f"accuracy of {name!r} in an ensemble needs t_eval, or save_every=None.")
     assert options.tolerances
     known, key = learned(rhs), ("ensemble", options.method, *sorted(goal.wanted.items()), goal.scale)
     begin, rtol = time.perf_counter(), known[key].value if key in known else first_rtol(goal)

@@ -46,7 +46,8 @@ class ErrorEstimate:
     u, v : ndarray, shape (m,) or (m, n)
         NaN after the end of the compared run, if it ended before.
     outputs, z : dict of str to ndarray
-        As in the solution. With tolerances, outputs have an error in runs with `t_eval` only.
+        As in the solution. Members of an ensemble with tolerances have them if they save only their ends, or with
+        `t_eval`.
     drift : dict of str to float
     extremes : dict of str to Extremes
     events : dict of str to ndarray
@@ -142,11 +143,23 @@ class Companion:
         return cls(other, ratio, rows, own, other.u, other.v, is_fixed=True)
 
     @classmethod
+    def at_same_times(cls, solution: Any, other: Any, ratio: float) -> Companion:
+        """Return a companion with tolerances, which has saved its states at the times of the run up to its end.
+
+        It has one state at the time of a reset, which may be before its own reset: the states there are left out.
+        """
+        is_known = np.isin(solution.t, other.t)
+        is_known[1:] &= solution.t[1:] != solution.t[:-1]
+        is_known[:-1] &= solution.t[:-1] != solution.t[1:]
+        rows = np.flatnonzero(is_known)
+        own = np.searchsorted(other.t, solution.t[rows])
+        return cls(other, ratio, rows, own, other.u[own], other.v[own], is_fixed=False)
+
+    @classmethod
     def between_steps(cls, solution: Any, other: Any, ratio: float) -> Companion:
         """Return a companion with tolerances, whose states are interpolated."""
         if len(other.t) == len(solution.t) and (other.t == solution.t).all():  # t_eval
-            rows = np.arange(len(other.t))
-            return cls(other, ratio, rows, rows, other.u, other.v, is_fixed=False)
+            return cls.at_same_times(solution, other, ratio)
         rows = np.flatnonzero(solution.t <= other.t[-1])
         u, v = other._interpolated(solution.t[rows])
         return cls(other, ratio, rows, None, u, v, is_fixed=False)

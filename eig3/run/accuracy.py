@@ -217,8 +217,6 @@ def check_accuracy_names(goal: Goal, options: RunOptions) -> None:
     for name in goal.wanted:
         if name not in known:
             raise unknown_name("accuracy has", name, sorted(known), ValueError)
-        if name in at_states and options.has_tolerances and options.t_eval is None:
-            raise ValueError(f"accuracy of {name!r} needs t_eval, or a method with a fixed step.")
 
 
 class _Search:

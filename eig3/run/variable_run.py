@@ -114,10 +114,26 @@ class VariableRun(Run):
     def _companion(self, solution: Solution, ratio: float, cancel: Cancel | None) -> Companion:
         """Return the run with other tolerances."""
         stepper, tolerances = self.stepper, companion_tolerances(self.stepper.tolerances, ratio)
+        system, times = stepper.system, self.times
+        if times is None and self._compares_at_times:
+            system, times = system.at_times, np.unique(solution.t)  # a state before and one after a reset have one time
         start = *stepper.start, guarded(stepper.params)
-        other = VariableStepper(stepper.system, (stepper.t0, stepper.t_end), *start, tolerances, self.times)
-        found = carry_out(VariableRun(other, 1, self.times).begin, cancel, raise_on_failure=False)
-        return Companion.between_steps(solution, found, ratio)
+        other = VariableStepper(system, (stepper.t0, stepper.t_end), *start, tolerances, times)
+        found = carry_out(VariableRun(other, 1, times).begin, cancel, raise_on_failure=False)
+        if times is None:
+            return Companion.between_steps(solution, found, ratio)
+        return Companion.at_same_times(solution, found, ratio)
+
+    @property
+    def _compares_at_times(self) -> bool:
+        """Whether compared runs save the states at the times of this run, and are not interpolated between their steps.
+
+        This gives the errors of outputs and of first-order unknowns too. Without these, and without events and
+        invariants, it would only compile another kernel for a method that has a continuous extension.
+        """
+        stepper = self.stepper
+        has_extension = stepper.kernel.formulas.dense_evaluations and not stepper.system.history
+        return bool(stepper.system.looks or stepper.system.first_order.names or not has_extension)
 
     def state(self) -> dict[str, Any]:
         stepper = self.stepper.before_end()
