@@ -236,7 +236,10 @@ def test_a_member_that_fails_does_not_stop_the_others():
         ({"save_to": "x"}, "accuracy and save_to exclude each other"),
         ({"reduce": len}, "accuracy and reduce exclude each other"),
         ({"accuracy": {"w": 1e-3}}, "accuracy has no w: did you mean"),
-        ({"accuracy": {"y": 1e-3}, "outputs": {"y": position}, "save_every": 1}, "accuracy of 'y' in an ensemble needs"),
+        (
+            {"accuracy": {"y": 1e-3}, "outputs": {"y": position}, "save_every": 1},
+            "accuracy of 'y' in an ensemble needs",
+        ),
         ({"accuracy": 2.0}, "between 0 and 1"),
         ({"accuracy": None, "scale": 2.0}, "scale belongs to accuracy"),
     ],

@@ -21,7 +21,7 @@ from ..keywords import refusal, with_suggestions
 from ..methods import Method
 from ..result.memory import n_rows
 from ..result.solution import Solution
-from ..result.storage import Place
+from ..result.storage import Place, keep_error
 from ..stepping.march import Cancel, March
 from ..stepping.observer import check_times
 from ..stepping.run_options import NEVER, RunOptions, run_options
@@ -147,7 +147,9 @@ class Prepared:
         solution = self._if_short(*start) if is_plain else None
         solution = solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
         if check and solution.success:
-            solution.check(cancel=cancel)
+            error = solution.check(cancel=cancel)
+            if save_to is not None:
+                keep_error(save_to, error)
         return solution
 
     def member(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, cancel: Cancel | None) -> Solution:
