@@ -8,6 +8,7 @@ from eig3 import Status, problems
 from eig3.cli import main
 from eig3.ensembles.in_process import Run as InProcess
 from eig3.run import accuracy as module
+from eig3.run import chunks, short
 
 from .conftest import position, spring
 
@@ -96,6 +97,46 @@ def test_what_was_learned_is_kept(monkeypatch):
     )
     np.testing.assert_array_equal(again.u, first.u)
     np.testing.assert_allclose(again.error.u, first.error.u, rtol=0.01, atol=1e-3 * first.error.largest["u"])
+
+
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-7])
+def test_later_calls_from_other_starts_estimate_their_own_error(accuracy):
+    """The ratio of the errors of two tolerances differs up to tenfold from one start to the next.
+
+    With a finer run it hardly matters, unless that happens to be as wrong. An estimate by ten times the tolerance was
+    down to 0.004 of the true error.
+    """
+    kepler, ratios = problems.kepler(e=0.6), []
+    for speed in np.linspace(0.9, 1.1, 12):
+        start = kepler.u0, speed * np.asarray(kepler.v0)
+        solution = eig3.integrate(kepler.rhs, (0, 30), *start, params=kepler.params, accuracy=accuracy)
+        true = eig3.integrate(
+            kepler.rhs, (0, 30), *start, params=kepler.params, rtol=3e-14, method="rk8", t_eval=solution.t
+        )
+        error, size = np.abs(solution.u - true.u).max(), np.abs(solution.u).max()
+        ratios.append(solution.error.largest["u"] / error)
+        assert error < 1.3 * accuracy * size
+    assert 0.2 < min(ratios) < max(ratios) < 2.5
+    assert np.mean(np.abs(np.log2(ratios)) < 1) > 0.7
+
+
+def test_a_later_call_evaluates_rhs_at_most_three_times_as_often_as_its_run(monkeypatch):
+    """RK8 takes a tenth of the tolerance with 10^(1/8) = 1.33 times the steps, and evaluates more for saved times."""
+    counts, made = [], chunks.solution_of
+
+    def counted(*given):
+        solution = made(*given)
+        counts.append(solution.n_rhs)
+        return solution
+
+    monkeypatch.setattr(chunks, "solution_of", counted)
+    monkeypatch.setattr(short, "solution_of", counted)
+    for _ in range(3):  # the second call may begin with a larger tolerance
+        counts.clear()
+        solution = eig3.integrate(hardening, (0, 100), 1.0, 0.5, accuracy=1e-6, method="rk8")
+    assert len(counts) == 2
+    assert sum(counts) <= 3 * solution.n_rhs
+    assert solution.error.by == "a run with a tenth of the tolerance"
 
 
 def test_the_result_is_that_of_the_step_that_was_found(monkeypatch):

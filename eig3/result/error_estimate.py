@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,7 +80,7 @@ class ErrorEstimate:
     coarser: float | None = None
     notes: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def largest(self) -> dict[str, float]:
         """The largest absolute error of u, v, and of each other quantity and event time, by name."""
         arrays = {"u": self.u, "v": self.v, **self.outputs, **self.z, **self.drift, **self.events}
@@ -149,6 +150,9 @@ class Companion:
 
         It has one state at the time of a reset, which may be before its own reset: the states there are left out.
         """
+        if len(other.t) == len(solution.t):
+            rows = np.arange(len(other.t))
+            return cls(other, ratio, rows, rows, other.u, other.v, is_fixed=False)
         is_known = np.isin(solution.t, other.t)
         is_known[1:] &= solution.t[1:] != solution.t[:-1]
         is_known[:-1] &= solution.t[:-1] != solution.t[1:]
@@ -169,7 +173,7 @@ class Companion:
 def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: float | None = None) -> ErrorEstimate:
     """Return the error of a solution by a finer and by a coarser run.
 
-    If `coarser` is known, see `ErrorEstimate`, `fine` is a coarser run, and another one only gives its name.
+    If `coarser` is known, see `ErrorEstimate`, `fine` may be a coarser run, and another one only gives its name.
     """
     order = solution.method.order if fine.is_fixed else None
     scale = _scale(solution.u)
@@ -181,7 +185,7 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
         differences = Differences.of(solution, fine, coarse, scale)
     seen = differences and differences.ratio()
     if coarser is not None:
-        observed, factor = order and math.log2(coarser), 1 / (1 - coarser)
+        observed, factor = order and math.log2(coarser), 1 / (1 - (coarser if fine.ratio > 1 else 1 / coarser))
     elif order is None:
         observed, factor = None, _by_tolerances(seen, is_tiny, notes)
         coarser = seen

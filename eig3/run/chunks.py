@@ -142,7 +142,11 @@ class Run:
         raise NotImplementedError
 
     def error_by(self, coarser: float, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
-        """Estimate the error by one coarser run, whose error is larger by a known factor."""
+        """Estimate the error by one further run; it is known by how much the error of a coarser run is larger.
+
+        With a fixed step, the further run is a coarser one. With tolerances it is a finer one: the factor differs much
+        from one start to the next, and it hardly matters for the difference from a finer run.
+        """
         raise NotImplementedError
 
     def state(self) -> dict[str, Any]:
