@@ -153,6 +153,12 @@ class System:
         return g, self._check(event.apply, "apply", self.form, f"apply of events[{name!r}]")
 
     @property
+    def at_times(self) -> System:
+        """The same system for runs with tolerances that save their states at given times."""
+        given = self.events, self.functions, self.inline, self.labels, self.first_order
+        return remembered(self.rhs, self.form, RunOptions(None, None, self.method, None, np.empty(0), *given))
+
+    @property
     def is_present(self) -> bool:
         """Whether no function was recompiled since, and all values that were compiled into functions are unchanged."""
         return all(check_callback(*arguments) is callback for arguments, callback in self._checked)
