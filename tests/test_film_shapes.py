@@ -8,10 +8,11 @@ from functools import partial
 import numpy as np
 import pytest
 
+import eig3
 from eig3.animation import Film, Mechanism, Solid, film
 from eig3.animation.look import Look
 from eig3.animation.shapes import edges_of_box, half_size, surface
-from eig3.effects import Gravity, HertzContact, HertzMindlin
+from eig3.effects import Gravity, HertzContact, HertzMindlin, LinearSpring
 from eig3.problems import argon, tumbling_box
 from eig3.scene import Scene
 
@@ -253,6 +254,24 @@ def test_an_output_colours_the_moving_points_and_faces_have_the_mean_of_their_co
     assert axes.figure.axes[1].get_ylabel() == "heat"
     with pytest.raises(ValueError, match=r"^color must be 'speed' or 'heat', or an array of shape .*, not 'total'"):
         Look.of(mechanism, solution, color="total")
+
+
+def test_forces_colour_the_points_of_a_scene(tmp_path):
+    """Of two masses on a spring that falls, one has its weight more and the other less; a support has no force."""
+    scene = Scene(dimension=3)
+    high, low = scene.mass(1.0, (0, 0, 1.5)), scene.mass(2.0, (0, 0, 0))
+    scene.add(LinearSpring(30.0, 1.0), high, low)
+    scene.add(Gravity((0, 0, -10.0)))
+    scene.add(LinearSpring(0.0, 1.0), scene.fixed((0, 0, 3)), high)
+    problem = scene.problem((0, 0.1))
+    solution = problem.integrate(h=0.01, save_to=tmp_path / "run")
+    loaded = eig3.load(tmp_path / "run")
+    look = Look.of(problem.view, solution, color="force")
+    np.testing.assert_allclose(look.values["force"][0], [10 + 15, 20 - 15, 0], rtol=1e-12)
+    axes, _ = pixels_of(problem.view, solution, color="force")
+    assert axes.figure.axes[1].get_ylabel() == "force (N)"
+    with pytest.raises(ValueError, match=r'^color="force" needs the right-hand side: load the solution with rhs='):
+        Look.of(problem.view, loaded, color="force")
 
 
 @pytest.mark.parametrize(

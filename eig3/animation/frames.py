@@ -124,13 +124,13 @@ class Frames:
         length = units[0] if units else "m"
         return "" if length == "-" else f"{length}/{time or 's'}"
 
-    def of_points(self, name: str, values: np.ndarray, saved: np.ndarray) -> Color:
+    def of_points(self, name: str, unit: str, values: np.ndarray, saved: np.ndarray) -> Color:
         """Return the colours by values of the shape (rows, points) at the times `saved`, which `colored` accepts."""
         points = self.x.shape[1]
         shown = np.zeros((len(self.t), points))
         some = colored(self.mechanism, points, values)
         shown[:, some] = np.stack([np.interp(self.t, saved, column) for column in values.T], axis=1)
-        return Color(name, "", shown)
+        return Color(name, unit, shown)
 
 
 def colored(mechanism: Any, points: int, values: np.ndarray) -> np.ndarray | None:

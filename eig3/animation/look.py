@@ -13,6 +13,7 @@ from ..functions.checks import reals
 from .frames import Color, Frames, colored
 
 _KINDS = "main", "all"
+_FORCE = "force"
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,11 +27,13 @@ class Look:
     camera : (float, float, float), optional
         Azimuth and elevation of the direction of view, degrees, and the distance relative to the usual one.
     color : str
-        The name of the quantity that colours points: "speed", or one of `values`; "" for none.
+        The name of the quantity that colours points: "speed", "force", or one of `values`; "" for none.
     values : dict of str to ndarray, shape (rows, points)
         The quantities that may colour points, besides their speed.
     t : ndarray, shape (rows,)
         The times of the rows.
+    units : dict of str to str
+        The units of these quantities, if they are known.
     """
 
     limits: Any = "main"
@@ -38,12 +41,13 @@ class Look:
     color: str = ""
     values: Mapping[str, np.ndarray] = field(default_factory=dict)
     t: Any = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, mechanism: Any, solution: Any, *, limits: Any = None, camera: Any = None, color: Any = None) -> Look:
         """Check what a user chose, as `Problem.animate` describes it."""
         _, points, dimension = mechanism.places(solution.t[:1], np.reshape(solution.u[0], (1, -1))).shape
-        values = {
+        values: dict[str, Any] = {
             name: output
             for name, output in solution.outputs.items()
             if colored(mechanism, points, np.asarray(output)) is not None
@@ -56,21 +60,42 @@ class Look:
                     f"{points}), not {given.shape}."
                 )
             color, values = "color", {**values, "color": given}
+        units = {}
+        if color == _FORCE not in values and mechanism.velocities and len(mechanism.masses):
+            values[_FORCE], units[_FORCE] = _forces(mechanism, solution, points), "N"
         known = ["speed", *values]
         if color is not None and color not in known:
             raise ValueError(
                 f"color must be {' or '.join(map(repr, known))}, or an array of shape (saved times, {points}), not "
                 f"{color!r}: an output can colour if it has a value for each point."
             )
-        return cls(_limits(limits, dimension), _camera(camera, dimension), color or "", values, solution.t)
+        return cls(_limits(limits, dimension), _camera(camera, dimension), color or "", values, solution.t, units)
 
     def colors(self, frames: Frames, names: Any = None) -> list[Color]:
         """Return the colours of frames by the quantities with these names; all of them without names."""
         names = ["speed", *self.values] if names is None else names
-        return [
-            frames.speed() if name == "speed" else frames.of_points(name, np.asarray(self.values[name]), self.t)
-            for name in names
-        ]
+
+        def of(name: str) -> Color:
+            if name == "speed":
+                return frames.speed()
+            return frames.of_points(name, self.units.get(name, ""), np.asarray(self.values[name]), self.t)
+
+        return [of(name) for name in names]
+
+
+def _forces(mechanism: Any, solution: Any, points: int) -> np.ndarray:
+    """Return the size of the total force on each point at the saved times, N: the mass times the acceleration.
+
+    A point without a mass, such as a support or a point of a body, has 0.
+    """
+    if solution.a is None:
+        raise ValueError('color="force" needs the right-hand side: load the solution with rhs=problem.rhs.')
+    a = np.reshape(solution.a, (len(solution.t), -1))
+    moved = mechanism.velocities(solution.t, a) - mechanism.velocities(solution.t, np.zeros_like(a))
+    found = np.zeros((len(a), points))
+    found[:, : moved.shape[1]] = np.asarray(mechanism.masses) * np.linalg.norm(moved, axis=2)
+    found[:, mechanism.vectors] = 0.0
+    return found
 
 
 def _limits(limits: Any, dimension: int) -> Any:

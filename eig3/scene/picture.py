@@ -141,6 +141,8 @@ def geometry_and_view(
     )
     view = Mechanism(
         places=places,
+        velocities=places.velocities,
+        masses=geometry.masses,
         links=geometry.links[drawn],
         springs=[k for k, number in enumerate(drawn) if links[order[number]] == "spring"],
         strings={k: geometry.strings[number] for k, number in enumerate(drawn) if number in geometry.strings},
