@@ -21,8 +21,8 @@ from .constraint import Constraint, Equation
 from .description import Description, Points
 from .effect import Link
 from .hinge_friction import HingeFriction, HingeFrictionInSpace
-from .hinge_law import HingeLaw, HingeLawInSpace
 from .hinge_motor import HingeMotor, HingeMotorInSpace
+from .joint_law import HingeLaw, HingeLawInSpace
 from .point_joint import PointJoint
 from .prescribed_angle import PrescribedAngle, PrescribedAngleInSpace
 from .weld import Weld
