@@ -20,7 +20,7 @@ def displacement_rate(x, v):
 
 @element
 def forces_along(x, force):
-    """Return the forces of a force on the first point. The one on the axis has the moment of both about the body."""
+    """Return the force on the first point, its opposite, and the force on the axis, which has the moment of both."""
     a, b, e = x
     f, g = (force * e[0], force * e[1], force * e[2]), (-force * e[0], -force * e[1], -force * e[2])
     return f, g, (force * (a[0] - b[0]), force * (a[1] - b[1]), force * (a[2] - b[2]))

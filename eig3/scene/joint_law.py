@@ -91,24 +91,24 @@ class SlideLaw(HingeLawInSpace):
 def _of_joint(inner: tuple[tuple[str, Any], ...], points: int, kinematics: tuple[Any, Any, Any]) -> Any:
     """Return functions of the points that call a law. The same law gives the same functions, so scenes share code."""
     known, out = dict(inner), Writer()
-    pulls = [name for name in _PULLS if name in known]
     calls = {name: f"law_{name}({', '.join(arguments(function))})" for name, function in inner}
-    force = " + ".join(calls[name] + _PULLS[name] for name in pulls)
+    acting = [name for name in ("torque", *_PULLS) if name in known]
+    force = calls.get("torque") or f"-({' + '.join(calls[name] + _PULLS[name] for name in acting)})"
     given = {
         name: (arguments(known[name]), calls[name])
         for name in ("potential", "event", "state_after", RATE)
         if name in known
     }
-    given["forces"] = ("r", *(x for name in pulls for x in arguments(known[name]))), f"forces_of(x, -({force}))"
+    of_forces = [x for name in acting for x in arguments(known[name])] + ["r"] * ("force_density" in known)
+    given["forces"] = tuple(of_forces), f"forces_of(x, {force})"
     for name, (read, value) in given.items():
-        taken = ["x"] * bool({"r", "rate"} & {*read}) + ["v"] * ("rate" in read)
-        with out.block(
-            f"def {name}({', '.join([*taken, *(x for x in dict.fromkeys(read) if x not in ('r', 'rate'))])})"
-        ):
-            if "r" in read:
-                out.line(f"r = r_of({', '.join(f'x[{k}]' for k in range(points))})")
-            if "rate" in read:
-                out.line("rate = rate_of(x, v)")
+        of_points = [x for x in ("r", "angle", "rate") if x in read]
+        taken = ["x"] * bool(of_points or name == "forces") + ["v"] * ("rate" in read)
+        taken += [x for x in dict.fromkeys(read) if x not in of_points]
+        with out.block(f"def {name}({', '.join(taken)})"):
+            for variable in of_points:
+                from_points = f"r_of({', '.join(f'x[{k}]' for k in range(points))})"
+                out.line(f"{variable} = {'rate_of(x, v)' if variable == 'rate' else from_points}")
             out.line(f"return {value}")
     names = dict(zip(("r_of", "rate_of", "forces_of"), kinematics, strict=True))
     names |= {"__name__": __name__, **{f"law_{name}": function for name, function in inner}}
