@@ -102,8 +102,11 @@ def yielding(repeats: int, t_end: float = 10.0) -> list[list[str]]:
     def histories(h: float) -> np.ndarray:
         return problem.integrate(h=h, t_eval=times, invariants={}, raise_on_failure=False).u[:, columns]
 
-    def of_opensees(h: float) -> np.ndarray:
-        return opensees.frame_history(problem, h, round(_SAMPLE / h), len(times))
+    def of_opensees(h: float, method: str) -> np.ndarray:
+        return opensees.frame_history(problem, method, h, round(_SAMPLE / h), len(times))
+
+    def timed_opensees(h: float, method: str) -> Callable[[], float]:
+        return opensees.frame_run(problem, method, h, round(t_end / h))
 
     def timed(h: float) -> Callable[[], float]:
         prepared = problem.prepare(h=h, save_every=None, invariants={})
@@ -111,8 +114,9 @@ def yielding(repeats: int, t_end: float = 10.0) -> list[list[str]]:
 
     truth = histories(_TRUTH)
     codes: dict[str, tuple[Any, Any, float]] = {"EIG-3": (histories, timed, problem.critical_step().limit)}
-    if opensees.is_there():
-        codes["OpenSees, Newmark"] = of_opensees, lambda h: opensees.frame_run(problem, h, round(t_end / h)), _SAMPLE
+    for method, longest in (("Newmark", _SAMPLE), ("CentralDifference", 1e-3)) if opensees.is_there() else ():
+        both = partial(of_opensees, method=method), partial(timed_opensees, method=method)
+        codes[f"OpenSees, {method}"] = *both, longest
     runs: dict[str, Callable[[], float]] = {}
     chosen: dict[str, tuple[float, str, float, float]] = {}
     for code, (history, run, longest) in codes.items():

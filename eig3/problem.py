@@ -497,7 +497,16 @@ class Problem:
         times = np.broadcast_to(np.asarray(time, dtype=np.float64), len(u))
         return np.array([of(*state) for state in zip(times, u, v, strict=True)])
 
-    def animate(self, solution: Solution, path: str | PathLike[str], *, t_end: float | None = None) -> Path:
+    def animate(
+        self,
+        solution: Solution,
+        path: str | PathLike[str],
+        *,
+        limits: Any = None,
+        camera: Any = None,
+        color: Any = None,
+        t_end: float | None = None,
+    ) -> Path:
         """Write an animation of a run to scale, with its time and its speed.
 
         It lasts 6 to 10 s and has 20 frames a second, with states from ``solution.at``. A motion of 6 to 10 s is shown
@@ -511,6 +520,16 @@ class Problem:
         path : str or path
             The file, which is replaced if it exists. The suffix sets the format: ".gif"; ".html", a self-contained page
             with a button and a slider; ".mp4", which needs ffmpeg.
+        limits : array_like, shape (2 or 3, 2), or {"main", "all"}, optional
+            The least and the largest coordinate along each axis, in the unit of the axis, such as ``((0, 1), (0, 2))``;
+            or all points, for "main" without the few that fly far away, which is the default.
+        camera : (float, float) or (float, float, float), optional
+            The direction of view for points in space: azimuth and elevation, degrees, by default -60 and 30; and the
+            distance relative to the usual one.
+        color : str or array_like, shape (rows, points), optional
+            What colours the points, with a scale: "speed"; in a scene "force", the size of the total force on each
+            point, N; the name of an output of the solution with a value for each point; or such values at the saved
+            times, also for the moving points only.
         t_end : float, optional
             The end of the run, if the solution is only its beginning: the picture then names the part that it shows.
 
@@ -522,7 +541,8 @@ class Problem:
         Raises
         ------
         ValueError
-            If the suffix is unknown, or the states of the solution are too far apart to show the motion.
+            If the suffix is unknown, the states of the solution are too far apart to show the motion, or limits, camera
+            or color do not fit the picture.
         ImportError
             If matplotlib, or for ".mp4" ffmpeg, is not installed.
         OSError
@@ -532,11 +552,23 @@ class Problem:
         -----
         The picture comes from `view`. Scenes and the problems of the library have a view: points, links, supports and
         planes of a scene, or a field over space. Without a view, the picture shows the degrees of freedom against time.
+        With `limits`, `camera` or `color`, it shows the points that `show` has too, as `eig3.animation.Mechanism`.
         """
         has_seconds = self.energy_unit != "-"  # without units, the time has no unit either
-        return animate(self.view or Curves(self.labels), solution, path, has_seconds=has_seconds, t_end=t_end)
+        look = {"limits": limits, "camera": camera, "color": color}
+        options: dict[str, Any] = {"name": self.name, "look": look, "has_seconds": has_seconds, "t_end": t_end}
+        return animate(self.view or Curves(self.labels), solution, path, **options)
 
-    def show(self, solution: Solution, path: str | PathLike[str] | None = None, *, t_end: float | None = None) -> Page:
+    def show(
+        self,
+        solution: Solution,
+        path: str | PathLike[str] | None = None,
+        *,
+        limits: Any = None,
+        camera: Any = None,
+        color: Any = None,
+        t_end: float | None = None,
+    ) -> Page:
         """Show a run in three dimensions, on a page that one can turn, with a clock and colours.
 
         The page is one HTML file, which needs no network. It shows the same part of the run as `animate`, at the same
@@ -549,6 +581,8 @@ class Problem:
         path : str or path, optional
             The file, which ends with ".html" and is replaced if it exists. Without it, the page is shown in a notebook,
             or else as a temporary file in the browser.
+        limits, camera, color
+            What the page shows first, as in `animate`.
         t_end : float, optional
             The end of the run, if the solution is only its beginning: the page then names the part that it shows.
 
@@ -560,8 +594,8 @@ class Problem:
         Raises
         ------
         ValueError
-            If the problem has no geometry, as `eig3.animation.Mechanism`, or the states of the solution are too far
-            apart to show the motion.
+            If the problem has no geometry, as `eig3.animation.Mechanism`, the states of the solution are too far apart
+            to show the motion, or limits, camera or color do not fit the picture.
         OSError
             If the file cannot be written.
         RuntimeError
@@ -570,7 +604,8 @@ class Problem:
         from .view import show
 
         has_seconds = self.energy_unit != "-"
-        return show(self.view, solution, path, name=self.name, has_seconds=has_seconds, t_end=t_end)
+        look = {"limits": limits, "camera": camera, "color": color}
+        return show(self.view, solution, path, name=self.name, look=look, has_seconds=has_seconds, t_end=t_end)
 
     def export(
         self,

@@ -7,6 +7,7 @@ from eig3.keywords import with_suggestions as _with_suggestions
 from .arenstorf import arenstorf as arenstorf
 from .argon import argon as argon
 from .bouncing_ball import bouncing_ball as bouncing_ball
+from .braced_frame import braced_frame as braced_frame
 from .butane import butane as butane
 from .curtain import curtain as curtain
 from .damped_bar import damped_bar as damped_bar

@@ -477,9 +477,7 @@ BAD_VALUES = {
     r"corotational members in space need all rotations of b fixed, or none\.$": lambda: crane("ry").problem(
         (0, 1), corotational=True
     ),
-    "force, damping, work and params are for linear frames": lambda: portal().problem(
-        (0, 1), corotational=True, damping=eig3.Rayleigh(0.1, 1, 2)
-    ),
+    "force, work and params are for linear frames": lambda: portal().problem((0, 1), corotational=True, work=True),
 }
 BAD_TYPES = {
     "the name of a node must be a text without a point": lambda: portal().node("c.d", 1.0, 0.0),

@@ -197,3 +197,18 @@ def test_what_is_nearly_zero_at_the_start_does_not_drift_far(method):
     )
     assert run.drift["p"] < 1e-12
     assert not any("drifts" in note for note in run.notes)
+
+
+def test_members_that_start_as_the_same_linear_system_search_its_critical_step_once(monkeypatch):
+    """Each member is also searched where its own growth begins. A search may take a quarter of a second."""
+    from eig3.diagnosis import divergence
+
+    searched, search = [], divergence.of_linear
+    monkeypatch.setattr(divergence, "of_linear", lambda system, method: searched.append(0) or search(system, method))
+    n = 25  # too many degrees of freedom for lanes
+    problem = eig3.linear(np.ones(n), None, np.diag(np.linspace(0.5, 1.0, n)), t_span=(0, 400), v0=np.eye(n)[-1])
+    speeds = np.outer([1.0, 2.0, 3.0], np.eye(n)[-1])
+    members = problem.ensemble(v0=speeds, h=2.1)
+    assert len(searched) == 3 + 1
+    alone = [problem.with_(v0=v0).integrate(h=2.1) for v0 in speeds]
+    assert [str(message) for message in members.message] == [blown_up(run).message for run in alone]

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import itertools
 import re
 
 import numpy as np
@@ -37,9 +38,7 @@ def test_examples_print_what_they_show(readme, symplectic_euler, tmp_path, monke
     """The blocks of one file share a namespace, and a block that shows no output prints nothing."""
     monkeypatch.chdir(tmp_path)
     namespace = {}
-    for (language, code), (next_language, next_text) in zip(
-        BLOCKS[readme], [*BLOCKS[readme][1:], ("", "")], strict=True
-    ):
+    for (language, code), (next_language, next_text) in itertools.pairwise([*BLOCKS[readme], ("", "")]):
         if language != "python" or code == OWN_METHOD:  # which the fixture has imported as a file
             continue
         printed = io.StringIO()

@@ -16,13 +16,15 @@ from matplotlib.figure import Figure
 
 import eig3
 from eig3.animation import Film, Mechanism, wrapped
+from eig3.animation.frames import Color, Frames
+from eig3.animation.look import Look
 from eig3.cli import main
 from eig3.effects import Gravity, HertzContact, LinearSpring
 from eig3.problem import Problem
 from eig3.scene import Scene
 from eig3.scene.mesh import surface
 from eig3.view import coding
-from eig3.view.frames import Frames, content
+from eig3.view.frames import content
 
 HOSTILE = "</script><script>window.foreign = 1</script><!--<img src=x onerror='window.foreign = 1'>\"&$data"
 
@@ -196,13 +198,11 @@ def test_an_output_for_each_point_is_a_colour():
     t = np.linspace(0, 1, 5)
     mechanism = Mechanism(lambda t, u: u.reshape(len(t), 3, 2), fixed=[0])
     states = np.arange(6.0) * t[:, None]
-    film = SimpleNamespace(t=t, u=states, clock=(1.0, "s"))
-    film.solution = SimpleNamespace(
-        _interpolated=lambda t: (np.arange(6.0) * t[:, None], np.tile(np.arange(6.0), (len(t), 1)))
-    )
+    film = SimpleNamespace(t=t, u=states, v=np.tile(np.arange(6.0), (5, 1)), clock=(1.0, "s"))
     outputs = {"heat": 2 * t[:, None] + np.arange(3), "load": t[:, None] + np.ones(2), "total": t}
-    frames = Frames.of(mechanism, film, outputs, t)
-    (_, unit, speed), (name, _, heat), (other, _, load) = frames.colors
+    frames = Frames.of(mechanism, film)
+    look = Look.of(mechanism, SimpleNamespace(t=t, u=states, outputs=outputs))
+    (_, unit, speed), (name, _, heat), (other, _, load) = look.colors(frames)
     assert (unit, name, other) == ("m/s", "heat", "load")
     np.testing.assert_allclose(speed, np.tile(np.hypot([0, 2, 4], [1, 3, 5]), (len(frames.t), 1)), rtol=1e-9)
     np.testing.assert_allclose(heat, 2 * frames.t[:, None] + np.arange(3), rtol=1e-14)
@@ -271,7 +271,7 @@ def test_the_command_writes_a_page_or_refuses_before_the_run(tmp_path, capsys, m
         main(["run", "single_dof", "--show", str(path)])
 
 
-def of_grains(jitter: float) -> Frames:
+def of_grains(jitter: float) -> tuple[Frames, list[Color]]:
     """A made-up motion of 20,000 grains in 200 frames, which also tremble at random by `jitter`."""
     random, count, t = np.random.default_rng(1), 20_000, np.linspace(0, 8, 200)
     start, rate, size = (
@@ -284,13 +284,13 @@ def of_grains(jitter: float) -> Frames:
     mechanism = Mechanism(lambda t, u: u, radii=np.full(count, 0.01))
     speed = np.linalg.norm(np.gradient(x, t, axis=0), axis=2)
     film = SimpleNamespace(t=t, clock=(1.0, "s"), speed=1.0)
-    return Frames(mechanism, film, t, x, [("speed", "m/s", speed)])
+    return Frames(mechanism, film, t, x, x, x), [Color("speed", "m/s", speed)]
 
 
 @pytest.mark.system
 @pytest.mark.parametrize(("jitter", "least_bits"), [(0.0, 16), (0.1, 8)])
 def test_twenty_thousand_grains_fit_in_twenty_megabytes(jitter, least_bits):
-    found, texts = content(of_grains(jitter), [])
+    found, texts = content(*of_grains(jitter), [], Look())
     assert sum(len(text) for text in texts.values()) < 19.2e6  # the scripts and the library have less than 0.8 MB
     assert found["bits"] >= least_bits
 
@@ -404,6 +404,25 @@ def test_the_browser_decodes_what_was_coded(opened, pendulum):
     t = np.linspace(0, 8, len(found))
     size = np.ptp(solution.u, axis=0).max()
     np.testing.assert_allclose(found, solution.at(t)[0], atol=2 * size / 2**16)
+
+
+@pytest.mark.system
+def test_the_page_begins_with_the_camera_and_the_colour_of_the_user(browser, tmp_path):
+    problem, solution = gas()
+    tab = browser.new_page()
+    tab.goto(problem.show(solution, tmp_path / "page.html", camera=(30, 40, 2), color="speed").path.as_uri())
+    tab.wait_for_selector("#legend:visible")
+    assert tab.locator("#color").input_value() == "speed"
+    seen = np.array(tab.evaluate("camera.position.clone().sub(controls.target).toArray()"))
+    distance = np.linalg.norm(seen)
+    turn, rise = np.radians([30, 40])
+    level = np.cos(rise)
+    np.testing.assert_allclose(
+        seen / distance, [level * np.cos(turn), level * np.sin(turn), np.sin(rise)], atol=1e-4
+    )  # POLE
+    tab.evaluate("() => { data.camera[2] = 1; resetView(); }")
+    nearer = tab.evaluate("camera.position.distanceTo(controls.target)")
+    assert distance == pytest.approx(2 * nearer, rel=1e-9)
 
 
 def test_a_film_and_a_page_show_the_same_times(pendulum, tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -14,9 +14,11 @@ from .. import drawing
 from ..functions.checks import check_time
 from ..result.solution import Solution
 from .film import RATE, Film
+from .geometry import geometry
+from .look import Look
 from .redraw import Redraw
 from .second_process import with_second_process
-from .writers import WRITERS, check_writer, kind_of, write_film
+from .writers import COLORS, MANY_COLORS, WRITERS, check_writer, kind_of, write_film
 
 #: A function that draws the static parts on a matplotlib figure, and returns a function that shows frame i of the film.
 View = Callable[[Any, Film], Callable[[int], None]]
@@ -30,6 +32,8 @@ def animate(
     solution: Solution,
     path: str | PathLike[str],
     *,
+    name: str = "",
+    look: Mapping[str, Any] | None = None,
     has_seconds: bool = True,
     t_end: float | None = None,
 ) -> Path:
@@ -40,6 +44,10 @@ def animate(
     view : callable
     solution : Solution
     path : str or path
+    name : str
+        The name of the problem.
+    look : dict, optional
+        The limits, the camera and the color that the user chose; None for what is not chosen.
     has_seconds : bool
         Whether the time is in seconds; if not, it has no unit.
     t_end : float, optional
@@ -57,6 +65,8 @@ def animate(
             f"t_end must be the end of the whole run, at or after t = {solution.t[-1]:g} where the solution ends, not "
             f"{t_end!r}."
         )
+    colors = COLORS if (look or {}).get("color") is None else MANY_COLORS
+    view = _with_look(view, name, solution, look or {})
     import matplotlib as mpl
     from PIL import Image
 
@@ -66,8 +76,16 @@ def animate(
         mpl.rc_context({"font.size": 9, "axes.titlesize": 9}),
         with_second_process(partial(_redraw, view, film, solution, t_end), count) as draw,
     ):
-        write_film(path, lambda i: Image.fromarray(draw(i)), count, RATE)
+        write_film(path, lambda i: Image.fromarray(draw(i)), count, RATE, colors)
     return path
+
+
+def _with_look(view: View, name: str, solution: Solution, look: Mapping[str, Any]) -> View:
+    """Return the view, or if the user chose a look, the mechanism in it with this look."""
+    if all(x is None for x in look.values()):
+        return view
+    mechanism = geometry(view, name, "leave out limits, camera and color for a film of")
+    return partial(mechanism, look=Look.of(mechanism, solution, **look))
 
 
 def _redraw(view: View, film: Film, solution: Solution, t_end: float | None) -> Redraw:

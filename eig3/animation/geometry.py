@@ -10,8 +10,10 @@ import numpy as np
 from .mechanism import Mechanism
 
 
-def geometry(view: Any, name: str) -> Mechanism:
+def geometry(view: Any, name: str, otherwise: str = "take problem.animate, which shows") -> Mechanism:
     """Return the geometry in the view of a problem; `name` is the name of the problem.
+
+    An error says what shows degrees of freedom against time otherwise.
 
     Raises
     ------
@@ -24,7 +26,7 @@ def geometry(view: Any, name: str) -> Mechanism:
         return view
     raise ValueError(
         f"{name} has no geometry: set its view with problem.with_(view=eig3.animation.Mechanism(places, links=...)), "
-        "or take problem.animate, which shows degrees of freedom against time."
+        f"or {otherwise} degrees of freedom against time."
     )
 
 

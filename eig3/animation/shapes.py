@@ -14,7 +14,8 @@ _TURNS = 8
 _STRAIGHT = 0.15  # fraction of a spring at each end that is straight
 _MARGIN = 0.1
 _LOST = 3.0  # if the motion is so many times as large as the motion of most points, these alone are in the picture
-_MOST = 1.0, 99.0  # percentiles of these points
+_FEW = 20  # points: with more, those that fly far away do not scale the picture
+_AWAY = 2, 0.01  # points that may fly away to each side: their number, or their share if that is more
 _ROUND = 24  # sides of the polygons for round bodies
 
 
@@ -92,10 +93,19 @@ def cut(normal: np.ndarray, offset: float, low: np.ndarray, high: np.ndarray) ->
     return np.asarray(cuts[np.argsort(around)])
 
 
-def main_part(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return two corners of the box around the points x without the few that fly far away, or else low and high."""
-    least, most = np.percentile(x.reshape(-1, x.shape[-1]), _MOST, axis=0)
-    return (least, most) if (high - low).max() > _LOST * (most - least).max() else (low, high)
+def are_near(least: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Return whether each point is one of most points, and not one of a few that fly far away.
+
+    `least` and `most`, of the shape (points, 2 or 3), are the ends of the motion of each point along each axis.
+    """
+    if len(least) <= _FEW:
+        return np.ones(len(least), dtype=bool)
+    away = max(_AWAY[0], int(_AWAY[1] * len(least)))
+    low, high = np.sort(least, axis=0)[away], np.sort(most, axis=0)[-1 - away]
+    size = (high - low).max()
+    if (most.max(axis=0) - least.min(axis=0)).max() <= _LOST * size:
+        return np.ones(len(least), dtype=bool)
+    return np.asarray(((least >= low - size) & (most <= high + size)).all(axis=1))
 
 
 def wrapped(x: np.ndarray, t: np.ndarray, box: Any, shear: float = 0.0) -> np.ndarray:
@@ -136,6 +146,19 @@ def surface(solid: Solid, x: np.ndarray) -> np.ndarray:
     centre, *ends = solid.points
     axes = x[:, ends] - x[:, [centre]]
     return x[:, None, None, centre] + np.einsum("fck,tkd->tfcd", unit_faces(solid.kind, axes[0]), axes)
+
+
+def half_size(kind: str, axes: np.ndarray) -> np.ndarray:
+    """Return how far a body with these semi-axes, shape (frames, 2 or 3, dimension), reaches along each axis."""
+    if kind == "box":
+        return np.asarray(np.abs(axes).sum(axis=1))
+    if kind == "sphere":
+        return np.linalg.norm(axes, axis=1)
+    across, along = np.linalg.norm(axes[:, :-1], axis=1), np.abs(axes[:, -1])
+    if kind == "cylinder":
+        return np.asarray(across + along)
+    radius, length = (np.linalg.norm(axes[:, k], axis=1, keepdims=True) for k in (0, -1))
+    return np.asarray(radius + along * (1 - radius / length))
 
 
 def unit_faces(kind: str, axes: np.ndarray) -> np.ndarray:

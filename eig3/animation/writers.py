@@ -14,6 +14,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -23,22 +24,26 @@ import numpy as np
 #: A function that returns frame i as a Pillow image.
 Frame = Callable[[int], Any]
 
-_COLORS = 31  # in a palette; one more marks unchanged pixels
+COLORS, MANY_COLORS = 31, 127  # in a palette, without and with a scale of colours; one more marks unchanged pixels
 _PAPER = 248  # a palette colour with all components above this is white
 _NO_FFMPEG = "mp4 needs ffmpeg, which was not found: pip install imageio-ffmpeg, or choose gif or html."
 
 
-def write_film(path: Path, frame: Frame, count: int, rate: float) -> None:
-    """Write a film in the format of its suffix. An existing film is replaced when the new film is complete.
+def write_film(path: Path, frame: Frame, count: int, rate: float, colors: int = COLORS) -> None:
+    """Write a film in the format of its suffix, with so many colours if it has a palette.
+
+    An existing film is replaced when the new film is complete.
 
     Raises
     ------
     OSError
         If the file cannot be written.
     """
+    kind = kind_of(path)
+    images = map(frame, range(count)) if kind == "mp4" else palette_frames(frame, count, colors)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix="unfinished-") as folder:
         unfinished = Path(folder, path.name)
-        WRITERS[kind_of(path)](unfinished, frame, count, rate)
+        WRITERS[kind](unfinished, images, rate)
         unfinished.replace(path)
 
 
@@ -47,16 +52,16 @@ def kind_of(path: Path) -> str:
     return path.suffix[1:].lower()
 
 
-def write_gif(path: Path, frame: Frame, count: int, rate: float) -> None:
+def write_gif(path: Path, images: Iterator[Any], rate: float) -> None:
     """Write a GIF with one palette for all frames; each frame stores only the changed pixels."""
-    first, *others = palette_frames(frame, count)
+    first, *others = images
     whole = io.BytesIO()
     options = {"duration": round(1000 / rate), "loop": 0, "optimize": True, "disposal": 1}
     first.save(whole, "GIF", save_all=True, append_images=others, **options)
     path.write_bytes(whole.getvalue())
 
 
-def write_mp4(path: Path, frame: Frame, count: int, rate: float) -> None:
+def write_mp4(path: Path, images: Iterator[Any], rate: float) -> None:
     """Send the frames to ffmpeg, one by one.
 
     Raises
@@ -67,15 +72,16 @@ def write_mp4(path: Path, frame: Frame, count: int, rate: float) -> None:
         If ffmpeg cannot write the file.
     """
     program = ffmpeg()
-    width, height = frame(0).size
+    first = next(images)
+    width, height = first.size
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate}", "-i", "-"]
     target = ["-an", "-pix_fmt", "yuv420p", "-movflags", "+faststart", f"file:{path}"]  # a name may contain a colon
     command = [program, "-y", "-loglevel", "error", *source, *target]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         try:
             assert process.stdin is not None
-            for i in range(count):
-                process.stdin.write(frame(i).tobytes())
+            for image in chain([first], images):
+                process.stdin.write(image.tobytes())
         except BrokenPipeError:  # the message of ffmpeg is raised below
             pass
         except BaseException:
@@ -99,20 +105,20 @@ def ffmpeg() -> str:
     return imageio_ffmpeg.get_ffmpeg_exe()
 
 
-def write_html(path: Path, frame: Frame, count: int, rate: float) -> None:
+def write_html(path: Path, images: Iterator[Any], rate: float) -> None:
     """Write a self-contained HTML page with the frames, a button and a slider."""
-    images = []
-    for image in palette_frames(frame, count):
+    texts = []
+    for image in images:
         png = io.BytesIO()
         image.save(png, "PNG", optimize=True)
-        images.append(base64.b64encode(png.getvalue()).decode())
+        texts.append(base64.b64encode(png.getvalue()).decode())
     title = html.escape(path.stem)
-    page = _PAGE.substitute(title=title, rate=f"{rate:g}", last=count - 1, frames=json.dumps(images))
+    page = _PAGE.substitute(title=title, rate=f"{rate:g}", last=len(texts) - 1, frames=json.dumps(texts))
     path.write_text(page, encoding="utf-8")
 
 
-def palette_frames(frame: Frame, count: int) -> Iterator[Any]:
-    """Yield the frames, all with a palette from a few of them."""
+def palette_frames(frame: Frame, count: int, colors: int) -> Iterator[Any]:
+    """Yield the frames, all with a palette of so many colours from a few of them."""
     from PIL import Image
 
     some = [frame(i) for i in sorted({0, count // 3, 2 * count // 3, count - 1})]
@@ -120,10 +126,10 @@ def palette_frames(frame: Frame, count: int) -> Iterator[Any]:
     strip = Image.new("RGB", (width, height * len(some)))
     for k, image in enumerate(some):
         strip.paste(image, (0, k * height))
-    palette = strip.quantize(_COLORS, method=Image.Quantize.MEDIANCUT, kmeans=1)
-    colors = np.reshape(palette.getpalette(), (-1, 3))
-    colors[(colors >= _PAPER).all(axis=1)] = 255
-    palette.putpalette(colors.ravel().tolist())
+    palette = strip.quantize(colors, method=Image.Quantize.MEDIANCUT, kmeans=1)
+    found = np.reshape(palette.getpalette(), (-1, 3))
+    found[(found >= _PAPER).all(axis=1)] = 255
+    palette.putpalette(found.ravel().tolist())
     for i in range(count):
         yield frame(i).quantize(palette=palette, dither=Image.Dither.NONE)
 

@@ -158,7 +158,7 @@ def critical_step(
 
 def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, safety: float = 1.0) -> CriticalStep:
     """Return the critical step for a function ``acceleration(t, u, v)`` that is finite at the state."""
-    return _of_system(linearise(acceleration, t, u, v), method, safety)
+    return of_linear(linearise(acceleration, t, u, v), method, safety)
 
 
 def with_encounters(find: Callable[[], CriticalStep], encounter: Callable[[], CriticalStep]) -> CriticalStep:
@@ -180,10 +180,10 @@ def with_encounters(find: Callable[[], CriticalStep], encounter: Callable[[], Cr
 def of_encounters(encounters: tuple[np.ndarray, np.ndarray], method: Method, safety: float = 0.9) -> CriticalStep:
     """Return the critical step of the collisions u'' + c u' + k u = 0, from the arrays k and c."""
     k, c = (np.append(0.0, x) for x in encounters)
-    return _of_system(Linearised(np.diag(k), np.diag(c), 0), method, safety)
+    return of_linear(Linearised(np.diag(k), np.diag(c), 0), method, safety)
 
 
-def _of_system(system: Linearised, method: Method, safety: float) -> CriticalStep:
+def of_linear(system: Linearised, method: Method, safety: float = 1.0) -> CriticalStep:
     """Return the critical step of a linear system."""
     if method.ignores_velocity and system.C.any():
         raise velocity_refused(method)

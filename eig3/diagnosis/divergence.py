@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..stepping.stepper import Stepper
-from .critical import CriticalStep, NoStableStepError, critical
+from .critical import CriticalStep, NoStableStepError, of_linear
 from .linearisation import linearise
 from .singular_position import AT_SINGULAR, is_singular, ways_past
 
@@ -260,7 +260,7 @@ def _critical_steps(start: Stepper, sane: Stepper) -> tuple[list[tuple[str, Crit
     for stepper in (start, sane):
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                step = critical(stepper.acceleration, stepper.t, stepper.u, stepper.v, stepper.method)
+                step = _critical_step(stepper)
         except NoStableStepError as error:
             return steps, str(error).rstrip(".")
         except Exception:  # nothing limits the step, or rhs overflows or fails close to this state
@@ -270,6 +270,20 @@ def _critical_steps(start: Stepper, sane: Stepper) -> tuple[list[tuple[str, Crit
                 return [(f"from t = {start.t:g} to {sane.t:g}", step)], ""
             steps.append((f"at t = {stepper.t:g}", step))
     return steps, ""
+
+
+def _critical_step(stepper: Stepper) -> CriticalStep:
+    """Return the critical step at a state.
+
+    A search may take a quarter of a second, and the members of an ensemble often start as the same linear system.
+    """
+    linear = linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v)
+    if stepper.index > 0:
+        return of_linear(linear, stepper.method)
+    same, known = (linear.K.tobytes(), linear.C.tobytes()), stepper.system.critical_at_start
+    if not known or known[0] != same:
+        known = stepper.system.critical_at_start = same, of_linear(linear, stepper.method)
+    return known[1]
 
 
 def _culprit(last: Stepper) -> str:

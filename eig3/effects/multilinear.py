@@ -48,12 +48,15 @@ def tension_of_elements(r, state, stretches, forces, rest_length):
 
 
 @element
-def first_yields_or_turns(r, rate, state, stretches, rest_length):
-    """Negative while the first element yields further; positive where it turns, and with it all others that yield."""
+def first_yields_or_turns(r, rate, state, stretches, forces, rest_length):
+    """Negative while the first element yields further; positive where it turns, and with it all others that yield.
+
+    After a turn, it is a force, since a stretch would be as small as the round-off of the rate before the turn.
+    """
     elastic = r - rest_length - state[0]
     if elastic > stretches[0]:
         return -rate
-    return rate if elastic < -stretches[0] else stretches[0] - abs(elastic)
+    return rate if elastic < -stretches[0] else forces[0] * (1 - abs(elastic) / stretches[0])
 
 
 @element

@@ -53,6 +53,9 @@ def reach_members(
         ``run(options)`` runs the ensemble with the check of errors.
     """
     check_accuracy_names(goal, options)
+    for name in () if options.save_every is None else (*options.functions.outputs, *options.first_order.names):
+        if name in goal.wanted:
+            raise ValueError(f"accuracy of {name!r} in an ensemble needs t_eval, or save_every=None.")
     assert options.tolerances
     known, key = learned(rhs), ("ensemble", options.method, *sorted(goal.wanted.items()), goal.scale)
     begin, rtol = time.perf_counter(), known[key].value if key in known else first_rtol(goal)
@@ -92,10 +95,26 @@ def reach_members(
 
 def _misses(goal: Goal, solution: EnsembleSolution) -> np.ndarray:
     """Return the largest error of each member as a multiple of the wanted error; NaN for members that failed."""
-    found = np.full(len(solution), np.nan)
-    for i, error in enumerate(solution.error):
-        if error is not None:
-            member = solution[i]
-            member.error = error
-            found[i] = max(goal.misses(member).values())
-    return found
+    found = np.zeros(len(solution))
+    for name, wanted in goal.wanted.items():
+        if name == "drift":
+            for each, drift in solution.drift.items():
+                ends = np.stack([solution.extremes[each].low, solution.extremes[each].high], axis=1)
+                found = np.fmax(found, drift / _sizes(goal, ends) / wanted)
+            continue
+        if name in solution.events:
+            size = np.nanmax(solution.t, axis=1) - solution.t[:, 0] if goal.scale is None else goal.scale
+        else:
+            size = _sizes(
+                goal, getattr(solution, name) if name in ("u", "v") else (solution.outputs | solution.z)[name]
+            )
+        found = np.fmax(found, solution.error.largest[name] / size / wanted)
+    return np.where(solution.success, found, np.nan)
+
+
+def _sizes(goal: Goal, values: np.ndarray) -> Any:
+    """Return the size to which the errors of each member are relative."""
+    if goal.scale is not None:
+        return goal.scale
+    largest = np.fmax.reduce(np.abs(values).reshape(len(values), -1), axis=1)
+    return np.where(largest > 0, largest, 1.0)

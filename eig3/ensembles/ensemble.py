@@ -19,6 +19,7 @@ from ..kernels.compile.interrupt import keeping, with_solution
 from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.labels import Labels
+from ..result.status import Status
 from ..run.accuracy import check_goal, first_rtol, refuse_steps, refuse_without_accuracy
 from ..run.prepare import Prepared
 from ..run.progress import check_progress
@@ -187,21 +188,25 @@ def ensemble(
     except TypeError as error:
         raise with_lengths(error, named_params, len(members)) from error
     own = cores() if threads is None else check_count(threads, "threads")
+    place = None if save_to is None else Directory(save_to, recipe_of(rhs, members, options))
     if check_flag(check, "check") or goal:
-        check_members_repeatable(
-            options, "accuracy" if goal else "check", executor=executor, reduce=reduce, save_to=save_to
-        )
+        in_files = {"save_to": save_to} if goal else {}
+        check_members_repeatable(options, "accuracy" if goal else "check", executor=executor, reduce=reduce, **in_files)
 
         def checked(options: RunOptions) -> EnsembleSolution:
-            solution = Run(rhs, members, options, own).march(progress, cancel)
+            if place is None:
+                solution = Run(rhs, members, options, own).march(progress, cancel)
+            else:
+                solution = run_in_parts(rhs, members, options, None, place, None, (own, 1), progress, cancel)
             with keeping(solution):
                 solution.error = errors_of_members(rhs, members, options, own, solution, cancel)
+            if place and not (solution.status == Status.INTERRUPTED).any():
+                place.keep_error(solution)
             return solution
 
         return reach_members(goal, rhs, options, checked) if goal else checked(options)
     if executor is None and reduce is None and save_to is None:
         return Run(rhs, members, options, own).march(progress, cancel)
-    place = None if save_to is None else Directory(save_to, recipe_of(rhs, members, options))
     return run_in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)
 
 

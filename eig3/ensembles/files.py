@@ -14,6 +14,7 @@ from ..result import storage
 from ..result.mapped import check_directory
 from ..result.soundness import check_ensemble
 from ..result.status import Status
+from .member_errors import MemberErrors
 from .occurrences import MemberOccurrences
 from .recipe import differing
 
@@ -21,11 +22,15 @@ _KIND = "ensemble"
 #: The file of a directory with all members at their start.
 WHOLE = "ensemble.npz"
 _RECIPE, _PARTS = "recipe.npz", "part-*.npz"  # what determines the result, and the finished parts
+_ERROR = "error.npz"  # the ensembles that a finished ensemble is compared with
 
 
 def save(solution: Any, path: str | PathLike[str]) -> Path:
     """Write an ensemble to a file, as `EnsembleSolution.save` describes."""
-    return storage.write(_KIND, solution.__getstate__(), storage.file(path))
+    fields = solution.__getstate__()
+    if solution.error is not None:
+        fields["error"] = solution.error.kept()
+    return storage.write(_KIND, fields, storage.file(path))
 
 
 class Directory:
@@ -71,6 +76,11 @@ class Directory:
         """Write a part."""
         save(part, self._file(part.first))
 
+    def keep_error(self, solution: Any) -> None:
+        """Write the estimated errors of the finished ensemble."""
+        fields = {"method": solution.method, "notes": (), "error": solution.error.kept()}
+        storage.write("errors", fields, self.path / _ERROR)
+
     def finished(self, first: int, count: int) -> Any:
         """Return the part with these members, or None if it is not there, is damaged or was interrupted."""
         path = self._file(first)
@@ -94,11 +104,16 @@ def register(kind: type) -> None:
 
 def _loaded(kind: type, fields: Mapping[str, Any]) -> Any:
     """Return the ensemble with the fields of a file."""
+    fields = dict(fields)
+    kept = fields.pop("error", None)
     t, u = fields["t"], fields["u"]
     if len(t) == 1 < len(u):  # the times of all members
         fields = {**fields, "t": np.broadcast_to(t, u.shape[:2])}
     check_ensemble(fields, MemberOccurrences)
-    return kind(**fields)
+    solution = kind(**fields)
+    if kept is not None:
+        solution.error = MemberErrors.loaded(solution, kept, partial(_loaded, kind))
+    return solution
 
 
 def whole_in(path: Path) -> Any:
@@ -106,6 +121,9 @@ def whole_in(path: Path) -> Any:
     whole = storage.load(path / WHOLE)
     for part in sorted(path.glob(_PARTS)):
         whole._place(storage.load(part))
+    if (path / _ERROR).is_file():
+        kept = storage.fields_in(path / _ERROR)["error"]
+        whole.error = MemberErrors.loaded(whole, kept, partial(_loaded, type(whole)))
     return whole
 
 

@@ -34,7 +34,7 @@ from ..stepping.march import Cancel
 from . import files
 from .occurrences import MemberOccurrences
 
-#: The fields that a copy, a pickle and a file do not keep.
+#: The fields that a copy and a pickle do not keep; a file keeps the error.
 _TRANSIENT = "_rhs", "_repeat", "_again", "_resume", "_with_functions", "error"
 
 #: Runs one member alone, by its number.
@@ -96,7 +96,7 @@ class EnsembleSolution:
     labels : Labels or None
         Names and units of the degrees of freedom, in an ensemble of a problem.
     error : MemberErrors or None
-        With ``check=True``, the estimated errors of the members, ``error[i]``. Copies and files do not keep it.
+        With ``check=True``, the estimated errors of the members, ``error[i]``. Copies do not keep it, and files do.
     """
 
     t: np.ndarray

@@ -9,8 +9,9 @@ order of the method. With tolerances, the ratio is the factor by which a toleran
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ _FEW_COLUMNS = 16
 _WINDOWS = 16  # parts of the run whose orders are compared
 _GROWING = 1e-10, 0.1  # range of the relative errors in which a rate of growth is measured,
 _FEWEST = 8  # from at least this number of states
+_SMALL_ERROR, _LARGE_DRIFT = 0.01, 0.1  # relative: an estimated error and a drift that contradict each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,8 @@ class ErrorEstimate:
     u, v : ndarray, shape (m,) or (m, n)
         NaN after the end of the compared run, if it ended before.
     outputs, z : dict of str to ndarray
-        As in the solution. With tolerances, outputs have an error in runs with `t_eval` only.
+        As in the solution. Members of an ensemble with tolerances have them if they save only their ends, or with
+        `t_eval`.
     drift : dict of str to float
     extremes : dict of str to Extremes
     events : dict of str to ndarray
@@ -77,7 +80,7 @@ class ErrorEstimate:
     coarser: float | None = None
     notes: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def largest(self) -> dict[str, float]:
         """The largest absolute error of u, v, and of each other quantity and event time, by name."""
         arrays = {"u": self.u, "v": self.v, **self.outputs, **self.z, **self.drift, **self.events}
@@ -142,11 +145,26 @@ class Companion:
         return cls(other, ratio, rows, own, other.u, other.v, is_fixed=True)
 
     @classmethod
+    def at_same_times(cls, solution: Any, other: Any, ratio: float) -> Companion:
+        """Return a companion with tolerances, which has saved its states at the times of the run up to its end.
+
+        It has one state at the time of a reset, which may be before its own reset: the states there are left out.
+        """
+        if len(other.t) == len(solution.t):
+            rows = np.arange(len(other.t))
+            return cls(other, ratio, rows, rows, other.u, other.v, is_fixed=False)
+        is_known = np.isin(solution.t, other.t)
+        is_known[1:] &= solution.t[1:] != solution.t[:-1]
+        is_known[:-1] &= solution.t[:-1] != solution.t[1:]
+        rows = np.flatnonzero(is_known)
+        own = np.searchsorted(other.t, solution.t[rows])
+        return cls(other, ratio, rows, own, other.u[own], other.v[own], is_fixed=False)
+
+    @classmethod
     def between_steps(cls, solution: Any, other: Any, ratio: float) -> Companion:
         """Return a companion with tolerances, whose states are interpolated."""
         if len(other.t) == len(solution.t) and (other.t == solution.t).all():  # t_eval
-            rows = np.arange(len(other.t))
-            return cls(other, ratio, rows, rows, other.u, other.v, is_fixed=False)
+            return cls.at_same_times(solution, other, ratio)
         rows = np.flatnonzero(solution.t <= other.t[-1])
         u, v = other._interpolated(solution.t[rows])
         return cls(other, ratio, rows, None, u, v, is_fixed=False)
@@ -155,7 +173,7 @@ class Companion:
 def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: float | None = None) -> ErrorEstimate:
     """Return the error of a solution by a finer and by a coarser run.
 
-    If `coarser` is known, see `ErrorEstimate`, `fine` is a coarser run, and another one only gives its name.
+    If `coarser` is known, see `ErrorEstimate`, `fine` may be a coarser run, and another one only gives its name.
     """
     order = solution.method.order if fine.is_fixed else None
     scale = _scale(solution.u)
@@ -167,7 +185,7 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
         differences = Differences.of(solution, fine, coarse, scale)
     seen = differences and differences.ratio()
     if coarser is not None:
-        observed, factor = order and math.log2(coarser), 1 / (1 - coarser)
+        observed, factor = order and math.log2(coarser), 1 / (1 - (coarser if fine.ratio > 1 else 1 / coarser))
     elif order is None:
         observed, factor = None, _by_tolerances(seen, is_tiny, notes)
         coarser = seen
@@ -223,6 +241,25 @@ def clear_estimate(solution: Any, near: Companion, far: Companion) -> ErrorEstim
         return None
     error = estimate(solution, near, far, coarser=near.ratio**observed)
     return None if error.notes else error
+
+
+def losses(solution: Any, error: ErrorEstimate, starts: Mapping[str, float]) -> Iterator[str]:
+    """Yield a sentence for each invariant whose drift is large although the estimated error is small.
+
+    A method may damp a fast motion away in all compared runs, which then agree. `starts` are the values of the
+    invariants at the start.
+    """
+    if error.reliable_until is not None or error.largest["u"] >= _SMALL_ERROR * _largest(solution.u):
+        return
+    for name, start in starts.items():
+        drift, found = solution.drift[name], solution.extremes[name]
+        is_large = abs(start) >= max(abs(found.low), abs(found.high)) / 2  # and no difference of larger numbers
+        if is_large and drift >= _LARGE_DRIFT * abs(start):
+            yield (
+                f"{name} changes by {100 * drift / abs(start):.2g} %, which the estimated error of u does not show: "
+                f"{solution.method.label} may have damped a fast motion away in all compared runs, or {name} is no "
+                "invariant of this motion; compare with a much shorter step."
+            )
 
 
 def _scale(u: np.ndarray) -> Any:
@@ -328,6 +365,72 @@ def _order(seen: float, c: float, r: float) -> float:
         middle = (low + high) / 2
         low, high = (middle, high) if (c**middle - 1) / abs(1 - r**middle) < seen else (low, middle)
     return low
+
+
+class PlainErrors(NamedTuple):
+    """The largest errors of the members of an ensemble for which `estimate` has no note, computed together.
+
+    Attributes
+    ----------
+    chosen : ndarray of bool, shape (m,)
+        These members.
+    largest : dict of str to ndarray, shape (m,)
+        As in `ErrorEstimate`; NaN for other members.
+    order : ndarray, shape (m,)
+    """
+
+    chosen: np.ndarray
+    largest: dict[str, np.ndarray]
+    order: np.ndarray
+
+    @classmethod
+    def of(cls, solution: Any, fine: tuple[Any, float], coarse: tuple[Any, float] | None = None) -> PlainErrors:
+        """Compare ensembles, each with its ratio. No member is chosen if their states are at different times."""
+        m = len(solution)
+        nothing = cls(np.zeros(m, dtype=bool), {}, np.full(m, np.nan))
+        if coarse is None or solution.events or not all(_are_at_same_times(solution, x) for x in (fine[0], coarse[0])):
+            return nothing
+        u = solution.u.reshape(*solution.u.shape[:2], -1)
+        sizes = np.abs(u).max(axis=1)
+        scale = np.maximum(sizes, np.maximum(_SMALL * sizes.max(axis=1, keepdims=True), np.finfo(float).tiny))
+        with np.errstate(all="ignore"):  # members that failed
+            near, far = ((u - x.u.reshape(u.shape)) / scale[:, None] for x, _ in (fine, coarse))
+            distances = [np.sqrt(np.einsum("ijk,ijk->ij", x, x)) for x in (near, far)]
+            seen = np.divide(*(np.sqrt(np.einsum("ij,ij->i", x, x)) for x in reversed(distances)))
+            chosen = (np.abs(near).max(axis=(1, 2)) >= _ROUND_OFF) & (distances[1] < _CONVERGING).all(axis=1)
+            factor, order, is_clear = _factors(solution, seen, fine, coarse)
+            chosen &= is_clear & solution.success & fine[0].success & coarse[0].success
+            chosen &= (np.abs(near).max(axis=(1, 2)) * factor) < _NO_DIGIT
+            pairs = {name: (getattr(solution, name), getattr(fine[0], name)) for name in ("u", "v")}
+            for kind in ("outputs", "z", "drift"):
+                pairs |= {name: (x, getattr(fine[0], kind)[name]) for name, x in getattr(solution, kind).items()}
+            largest = {
+                name: np.where(chosen, factor * np.abs(x - y).reshape(m, -1).max(axis=1), np.nan)
+                for name, (x, y) in pairs.items()
+            }
+        return cls(chosen, largest, np.where(chosen, order, np.nan))
+
+
+def _factors(solution: Any, seen: np.ndarray, fine: tuple, coarse: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the factors of the differences from the finer ensemble, the orders, and whether they are clear."""
+    if solution.steps is not None:
+        return 1 / (1 - 1 / seen), np.full(len(seen), np.nan), (seen >= _LEAST_RATIO) & np.isfinite(seen)
+    order, (r, c) = solution.method.order, (x.h / solution.h for x, _ in (fine, coarse))
+    low, high = np.full(len(seen), _LOWEST), np.full(len(seen), _HIGHEST)
+    for _ in range(50):
+        middle = (low + high) / 2
+        is_low = (c**middle - 1) / np.abs(1 - r**middle) < seen
+        low, high = np.where(is_low, middle, low), np.where(is_low, high, middle)
+    is_clear = (low >= order - _BELOW) & (low <= order + _ABOVE)
+    return np.abs(1 / (1 - r ** np.maximum(_LEAST_ORDER, low))), low, is_clear
+
+
+def _are_at_same_times(one: Any, other: Any) -> bool:
+    """Whether two ensembles have saved their states at the same times, but for round-off."""
+    if one.t.shape != other.t.shape:
+        return False
+    least = 1e-3 * np.minimum(one.h, other.h)[:, None] if one.steps is None else 0.0
+    return bool((np.abs(one.t - other.t) <= least).all())
 
 
 def _lower(label: str, differences: Differences, ratios: tuple[float, float], observed: float, order: int) -> str:

@@ -113,7 +113,22 @@ def write(kind: str, fields: dict[str, Any], target: Path, *, is_lasting: bool =
         fields = fields | {"notes": (*fields["notes"], WITHOUT_JACOBIAN)}
     arrays: dict[str, np.ndarray] = {}
     plain = {name: _plain(value, name.lstrip("_"), arrays) for name, value in fields.items()}
-    arrays[_RECORD] = np.array(json.dumps({"version": _VERSION, "kind": kind, "solution": plain, **rest}))
+    return _put(target, {"version": _VERSION, "kind": kind, "solution": plain, **rest}, arrays, is_lasting=is_lasting)
+
+
+def keep_error(save_to: Any, error: ErrorEstimate) -> None:
+    """Add the estimated errors of a run to the record in its directory."""
+    target = path_of(save_to) / _RUN
+    with target.open("rb") as stream:
+        arrays = dict(_arrays(stream))
+    record = json.loads(str(arrays.pop(_RECORD)))
+    record["solution"]["error"] = _plain(error, "error", arrays)
+    _put(target, record, arrays)
+
+
+def _put(target: Path, record: Mapping[str, Any], arrays: dict[str, np.ndarray], *, is_lasting: bool = True) -> Path:
+    """Write a record and its arrays to a file, as `write` describes."""
+    arrays[_RECORD] = np.array(json.dumps(record))
     temporary = target.with_name(f".{uuid.uuid4().hex}.part")
     try:
         with temporary.open("xb") as stream:

@@ -18,12 +18,14 @@ from ..result.error_estimate import ErrorEstimate
 from ..result.solution import Solution, Status
 from ..stepping.run_options import RunOptions
 from ..stepping.tolerances import LEAST_RTOL
-from .chunks import IntegrationError
+from .chunks import IntegrationError, check_repeatable
 from .prepare import Prepared
 
 AIM = 0.5  # the next run aims at this fraction of the accuracy
-_FIRST_RTOL = 0.1  # of the accuracy; the error of a whole run is larger than the error of a step
+_FIRST_RTOL = 0.03  # of the accuracy; the error of a whole run is larger than the error of a step
 _LARGEST_RTOL = 1e-2
+_FAR_BELOW = 0.1  # with a smaller error, relative to the accuracy, later calls begin with a larger tolerance,
+_LARGER = 30.0  # by at most this factor
 _STEPS = 1000  # of the first run of a method with a fixed step
 MOST_RUNS = 12
 LEAST_GAIN = 0.7  # a refined run whose error is a larger fraction of the best error does not converge,
@@ -34,10 +36,14 @@ WITH_TOLERANCES = RK5, RK8, RKN12  # other methods take a fixed step
 
 
 class Known(NamedTuple):
-    """What a run that reached an accuracy has shown: its h or rtol, and `ErrorEstimate.coarser`, if that is sure."""
+    """What a run that reached an accuracy has shown: the h or rtol for the next run, and its `ErrorEstimate.coarser`.
+
+    The latter is None if it is not sure, or not known for this tolerance. `is_first` is False after the first call.
+    """
 
     value: float
     coarser: float | None
+    is_first: bool = False
 
 
 #: What is known of a function, by the method and the accuracy.
@@ -159,25 +165,25 @@ def reach(
         raise ValueError("accuracy and save_to exclude each other: several runs may be needed; save the solution.")
     method = None if options.get("method") is None else check_method(options["method"])
     knob = "rtol" if method is None or isinstance(method, WITH_TOLERANCES) else "h"
-    first, raises = dict(of_call), bool(of_call.get("raise_on_failure"))
-    first |= {"check": True, "raise_on_failure": False}
-    key = (method, *sorted(goal.wanted.items()), goal.scale)
+    raises, key = bool(of_call.get("raise_on_failure")), (method, *sorted(goal.wanted.items()), goal.scale)
+    first = of_call | {"check": False, "raise_on_failure": False}
     known, search = learned(rhs), _Search(goal, knob)
-    value, coarser = known.get(key) or (search.first(start[0]), None)
+    value, coarser, is_first = known.get(key) or (search.first(start[0]), None, True)
     while True:
         prepared = prepare(**{**options, knob: value})
         check_accuracy_names(goal, prepared.options)
-        if coarser and (later := _in_short(goal, prepared, start, first, coarser)):
-            return later
-        coarser = None
+        check_repeatable(prepared.method)
         solution = prepared(*start, **first)
+        if coarser and _has_reached(goal, solution, first.get("cancel"), coarser):
+            return solution
+        if solution.success:
+            solution.check(cancel=first.get("cancel"))
         following = search.after(solution, value)
         if following is None:
             break
-        value = following
+        value, coarser = following, None
     if search.reached:
-        error = solution.error
-        known[key] = Known(value, error.coarser if error and _is_sure(error) else None)
+        known[key] = _to_remember(goal, knob, solution, value, is_first)
         return solution
     solution = search.best() if search.runs else solution
     if raises:
@@ -185,14 +191,25 @@ def reach(
     return solution
 
 
-def _in_short(goal: Goal, prepared: Prepared, start: tuple, first: dict[str, Any], coarser: float) -> Solution | None:
-    """Return a run that reaches the accuracy by one further run; None if there is none."""
-    solution = prepared(*start, **{**first, "check": False})
+def _has_reached(goal: Goal, solution: Solution, cancel: Any, coarser: float) -> bool:
+    """Whether a run reaches the accuracy by one further run, for a known ratio of their errors."""
     if not solution.success or solution._extend is None:
-        return None
+        return False
     with keeping(solution):
-        solution.error = solution._extend().error(solution, first.get("cancel"), coarser)
-    return solution if max(goal.misses(solution).values()) <= 1 and _is_sure(solution.error) else None
+        solution.error = solution._extend().error(solution, cancel, coarser)
+    return max(goal.misses(solution).values()) <= 1 and _is_sure(solution.error)
+
+
+def _to_remember(goal: Goal, knob: str, solution: Solution, value: float, is_first: bool) -> Known:
+    """Return what later calls begin with: a larger tolerance, if the first call has found a far smaller error."""
+    error = solution.error
+    if error is None or not _is_sure(error):
+        return Known(value, None)
+    miss = max(goal.misses(solution).values())
+    if is_first and knob == "rtol" and error.coarser and 0 < miss < _FAR_BELOW:
+        factor = min(_LARGER, (AIM / miss) ** (1 / math.log10(error.coarser)))
+        return Known(min(_LARGEST_RTOL, factor * value), None)
+    return Known(value, error.coarser)
 
 
 def _is_sure(error: ErrorEstimate) -> bool:
@@ -217,8 +234,6 @@ def check_accuracy_names(goal: Goal, options: RunOptions) -> None:
     for name in goal.wanted:
         if name not in known:
             raise unknown_name("accuracy has", name, sorted(known), ValueError)
-        if name in at_states and options.has_tolerances and options.t_eval is None:
-            raise ValueError(f"accuracy of {name!r} needs t_eval, or a method with a fixed step.")
 
 
 class _Search:

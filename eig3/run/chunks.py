@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from os import PathLike
@@ -19,7 +19,7 @@ from ..functions.evaluation import accelerations
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import EVALUATIONS, ITERATIONS, NEXT, RESTING, TERMINAL, VECTOR
 from ..methods import Method
-from ..result.error_estimate import ErrorEstimate
+from ..result.error_estimate import ErrorEstimate, losses
 from ..result.solution import Solution, Status
 from ..result.storage import Place
 from ..stepping.march import Cancel, Rows
@@ -33,7 +33,6 @@ COMPLETED = "The run reached the end of its span."
 _LEAST_STEPS = 100  # between two checks for entries of a that rhs does not write, to limit their cost
 _FAST = 1e3  # a growth above this is not called slow
 _MOST_JOINED = 2**27  # bytes of states in files that `extend` copies into memory
-_SMALL_ERROR, _LARGE_DRIFT = 0.01, 0.1  # relative: an estimated error and a drift that contradict each other
 _OVERFLOW = "beyond the largest floating-point number,"
 
 
@@ -143,7 +142,11 @@ class Run:
         raise NotImplementedError
 
     def error_by(self, coarser: float, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
-        """Estimate the error by one coarser run, whose error is larger by a known factor."""
+        """Estimate the error by one further run; it is known by how much the error of a coarser run is larger.
+
+        With a fixed step, the further run is a coarser one. With tolerances it is a finer one: the factor differs much
+        from one start to the next, and it hardly matters for the difference from a finer run.
+        """
         raise NotImplementedError
 
     def state(self) -> dict[str, Any]:
@@ -396,26 +399,10 @@ class Run:
         """
         check_repeatable(self.stepper.method)
         error = self.error_of(solution, cancel) if coarser is None else self.error_by(coarser, solution, cancel)
-        return replace(error, notes=(*error.notes, *self._losses(solution, error)))
-
-    def _losses(self, solution: Solution, error: ErrorEstimate) -> Iterator[str]:
-        """Yield a sentence for each invariant whose drift is large although the estimated error is small.
-
-        A method may damp a fast motion away in all compared runs, which then agree.
-        """
-        look, stepper = self.stepper.look, self.stepper
-        is_small = error.largest["u"] < _SMALL_ERROR * np.abs(solution.u).max(initial=0.0)
-        if not look or not is_small or error.reliable_until is not None:
-            return
-        for name, k in look.followed.invariants.items():
-            start, drift, found = abs(look.start_of(k)), look.drift_of(k), solution.extremes[name]
-            is_large = start >= max(abs(found.low), abs(found.high)) / 2  # and no difference of larger numbers
-            if is_large and drift >= _LARGE_DRIFT * start and look.followed.work[k] < 0:
-                yield (
-                    f"{name} changes by {100 * drift / start:.2g} %, which the estimated error of u does not show: "
-                    f"{stepper.method.label} may have damped a fast motion away in all compared runs, or {name} is no "
-                    "invariant of this motion; compare with a much shorter step."
-                )
+        look = self.stepper.look
+        invariants = look.followed.invariants if look else {}
+        starts = {name: look.start_of(k) for name, k in invariants.items() if look.followed.work[k] < 0}
+        return replace(error, notes=(*error.notes, *losses(solution, error, starts)))
 
     def _keep(self) -> None:
         """Write the results so far at intervals: they remain if the process is killed."""

@@ -21,7 +21,7 @@ from ..keywords import refusal, with_suggestions
 from ..methods import Method
 from ..result.memory import n_rows
 from ..result.solution import Solution
-from ..result.storage import Place
+from ..result.storage import Place, keep_error
 from ..stepping.march import Cancel, March
 from ..stepping.observer import check_times
 from ..stepping.run_options import NEVER, RunOptions, run_options
@@ -33,12 +33,10 @@ from . import short
 from .chunks import Run, carry_out, check_repeatable
 from .fixed_run import FixedRun, divide
 from .progress import check_progress
-from .variable_run import VariableRun
+from .variable_run import VariableRun, short_with_tolerances
 
 _OF_A_CALL = "t_span", "u0", "v0", "params", "z0", "check", "progress", "raise_on_failure", "cancel", "save_to"
 _WITHOUT_NAMES = np.ndarray, tuple, list, float, int  # a NamedTuple is of another type
-_LONGER = 4  # a run with tolerances counts as short if it takes at most this many times as long as the last run
-_LEAST_PACE = 1e-10  # seconds per step; a coarse clock may measure 0
 _SHORT = 1e-12  # a step shorter than this fraction of the time may be too short for floating-point times
 
 
@@ -147,7 +145,9 @@ class Prepared:
         solution = self._if_short(*start) if is_plain else None
         solution = solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
         if check and solution.success:
-            solution.check(cancel=cancel)
+            error = solution.check(cancel=cancel)
+            if save_to is not None:
+                keep_error(save_to, error)
         return solution
 
     def member(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, cancel: Cancel | None) -> Solution:
@@ -174,21 +174,15 @@ class Prepared:
         try:
             times, every = None if self._t_eval is None else self._times_in(span), self._every
             if tolerances:
-                steps, rows = self._system.last_sizes.get(tolerances.rtol, (0, 0))
-                stepper: Any = self._variable_stepper(span, u, v, p, times)
-            else:
-                stepper, steps = self._fixed_stepper(span, u, v, p, times)
-                every = min(every, steps)
-                rows = n_rows(steps, every)
+                return short_with_tolerances(self._variable_stepper(span, u, v, p, times), every, times)
+            stepper, steps = self._fixed_stepper(span, u, v, p, times)
+            every = min(every, steps)
+            rows = n_rows(steps, every)
             if times is not None:
                 every, rows = NEVER, len(times)
             pace = self._system.pace.get(stepper.kernel.pace_key)
             if pace is None or not steps or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
                 return None
-            if tolerances:
-                seconds = max(short.TRIED_SECONDS, _LONGER * steps * pace)
-                steps = min(tolerances.max_steps, int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE)))
-                return short.at_once(stepper, steps, span[1], every, rows, times, VariableRun, (every, times))
             given = steps, span[1], self.options.save_every, times
             return short.at_once(stepper, steps, span[1], every, rows, times, FixedRun, given)
         except KeyboardInterrupt as error:
@@ -236,7 +230,8 @@ class Prepared:
         self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, times: np.ndarray | None
     ) -> VariableStepper:
         n = 1 if self._system.form is SCALAR else u.size
-        return VariableStepper(self._system, span, u, v, p, self.tolerances(n), times)
+        tolerances = self._tolerances.get(n) or self.tolerances(n)
+        return VariableStepper(self._system, span, u, v, p, tolerances, times)
 
     def tolerances(self, n: int) -> Tolerances:
         """Return the tolerances for n degrees of freedom."""

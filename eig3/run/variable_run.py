@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from functools import partial
 from os import PathLike
@@ -24,12 +25,15 @@ from ..stepping.system import System
 from ..stepping.threads import side_by_side
 from ..stepping.tolerances import LEAST_RTOL, Tolerances
 from ..stepping.variable_stepper import VariableStepper
+from . import short
 from .chunks import Run, Stop, carry_out
 from .growth import OVERFLOWING
 from .history import FIRST_ROWS, History
 from .progress import check_progress
 
 _NAMED = 5  # degrees of freedom that a note names
+_LONGER = 4  # a run counts as short if it takes at most this many times as long as the last run
+_LEAST_PACE = 1e-10  # seconds per step; a coarse clock may measure 0
 _RATIO = 10.0  # ratio of the tolerances of the runs that show the error,
 _LARGEST_RTOL = 0.5  # and the largest rtol of these runs
 
@@ -107,17 +111,39 @@ class VariableRun(Run):
         return estimate(solution, *both)
 
     def error_by(self, coarser: float, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
-        if self.stepper.tolerances.rtol * _RATIO > _LARGEST_RTOL:
+        fine, *_ = companion_ratios(self.stepper.tolerances)
+        if fine > 1:
             return self.error_of(solution, cancel)
-        return estimate(solution, self._companion(solution, _RATIO, cancel), None, coarser)
+        return estimate(solution, self._companion(solution, fine, cancel), None, coarser)
 
     def _companion(self, solution: Solution, ratio: float, cancel: Cancel | None) -> Companion:
         """Return the run with other tolerances."""
         stepper, tolerances = self.stepper, companion_tolerances(self.stepper.tolerances, ratio)
+        system, times = stepper.system, self.times
+        if times is None and self._compares_at_times:
+            system, times = system.at_times, np.unique(solution.t)  # a state before and one after a reset have one time
         start = *stepper.start, guarded(stepper.params)
-        other = VariableStepper(stepper.system, (stepper.t0, stepper.t_end), *start, tolerances, self.times)
-        found = carry_out(VariableRun(other, 1, self.times).begin, cancel, raise_on_failure=False)
-        return Companion.between_steps(solution, found, ratio)
+        other = VariableStepper(system, (stepper.t0, stepper.t_end), *start, tolerances, times)
+        found = None
+        with contextlib.suppress(Exception):  # a `Run` raises it again
+            found = None if cancel else short_with_tolerances(other, 1, times)
+        if found is None:
+            other = VariableStepper(system, (stepper.t0, stepper.t_end), *start, tolerances, times)
+            found = carry_out(VariableRun(other, 1, times).begin, cancel, raise_on_failure=False)
+        if times is None:
+            return Companion.between_steps(solution, found, ratio)
+        return Companion.at_same_times(solution, found, ratio)
+
+    @property
+    def _compares_at_times(self) -> bool:
+        """Whether compared runs save the states at the times of this run, and are not interpolated between their steps.
+
+        This gives the errors of outputs and of first-order unknowns too. Without these, and without events and
+        invariants, it would only compile another kernel for a method that has a continuous extension.
+        """
+        stepper = self.stepper
+        has_extension = stepper.kernel.formulas.dense_evaluations and not stepper.system.history
+        return bool(stepper.system.looks or stepper.system.first_order.names or not has_extension)
 
     def state(self) -> dict[str, Any]:
         stepper = self.stepper.before_end()
@@ -293,6 +319,20 @@ class VariableRun(Run):
     def _progress(self) -> int:
         stepper = self.stepper
         return round(100 * (stepper.t - stepper.t0) / (stepper.t_end - stepper.t0))
+
+
+def short_with_tolerances(stepper: VariableStepper, every: int, times: np.ndarray | None) -> Solution | None:
+    """Run in one call of the kernel, as `short.at_once`; return None if the run is long, or may not complete."""
+    system, tolerances = stepper.system, stepper.tolerances
+    steps, rows = system.last_sizes.get(tolerances.rtol, (0, 0))
+    if times is not None:
+        every, rows = NEVER, len(times)
+    pace = system.pace.get(stepper.kernel.pace_key)
+    if pace is None or not steps or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
+        return None
+    seconds = max(short.TRIED_SECONDS, _LONGER * steps * pace)
+    steps = min(tolerances.max_steps, int(min(seconds, short.MOST_SECONDS) / max(pace, _LEAST_PACE)))
+    return short.at_once(stepper, steps, stepper.t_end, every, rows, times, VariableRun, (every, times))
 
 
 def companion_ratios(given: Tolerances) -> tuple[float, ...]:

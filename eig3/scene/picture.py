@@ -141,11 +141,14 @@ def geometry_and_view(
     )
     view = Mechanism(
         places=places,
+        velocities=places.velocities,
+        masses=geometry.masses,
         links=geometry.links[drawn],
         springs=[k for k, number in enumerate(drawn) if links[order[number]] == "spring"],
         strings={k: geometry.strings[number] for k, number in enumerate(drawn) if number in geometry.strings},
         faces=faces,
         hidden=hidden,
+        vectors=geometry.vectors,
         fixed=geometry.fixed,
         radii=np.append(radii, np.zeros(len(corners))),
         trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
@@ -285,6 +288,9 @@ def _radii(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairFor
     for pair_force in pair_forces:
         if pair_force.effect.picture == "discs" and not pair_force.second.size:
             radii[pair_force.first] = pair_force.columns["contact_distance"] / 2
+    for pair_force in pair_forces:
+        if pair_force.effect.picture == "discs" and pair_force.second.size:
+            _add_radii_of_two_groups(radii, pair_force)
     if not given:
         return radii
     of_pair_forces, radii = radii, np.zeros(count)
@@ -306,6 +312,18 @@ def _radii(cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairFor
         before, square = square, residual @ residual
         way = residual + square / before * way
     return np.where(of_pair_forces > 0, of_pair_forces, np.maximum(radii, 0.0))
+
+
+def _add_radii_of_two_groups(radii: np.ndarray, pair_force: PairForce) -> None:
+    """Add the radii of points in contacts between two groups, where they are not known.
+
+    Without a radius of walls, the points of the second group have what the largest of the first leaves.
+    """
+    first, second, reach = *pair_force.points, pair_force.columns["contact_distance"]
+    wall = getattr(pair_force.effect, "wall_radius", None)
+    radii[first] = np.where(radii[first] > 0, radii[first], reach / 2 if wall is None else reach - wall)
+    of_second = max(0.0, np.min(reach - radii[first])) if wall is None else wall
+    radii[second] = np.where(radii[second] > 0, radii[second], of_second)
 
 
 def _planes(

@@ -90,6 +90,8 @@ class System:
         Whether the method is valid only for a force that does not depend on the velocity.
     last_sizes : dict
         By the relative tolerance: the steps of the last run, and the rows that the next run may need.
+    critical_at_start : tuple or None
+        K and C at the start of the last run whose growth was judged, as bytes, and their critical step.
     kernels : dict
         The kernels compiled so far: by the number of degrees of freedom for the method, and by this number and a method
         for its fallbacks.
@@ -137,6 +139,7 @@ class System:
         self.counters_size = EVENTS + EVENT_VALUES * len(table)
         self.kernels: dict[Any, Kernel] = {}
         self.last_sizes: dict[float | None, tuple[int, int]] = {}
+        self.critical_at_start: Any = None
 
     def _check(self, *arguments: Any) -> Callback:
         callback = check_callback(*arguments)
@@ -148,6 +151,12 @@ class System:
         if event.apply is None:
             return g, None
         return g, self._check(event.apply, "apply", self.form, f"apply of events[{name!r}]")
+
+    @property
+    def at_times(self) -> System:
+        """The same system for runs with tolerances that save their states at given times."""
+        given = self.events, self.functions, self.inline, self.labels, self.first_order
+        return remembered(self.rhs, self.form, RunOptions(None, None, self.method, None, np.empty(0), *given))
 
     @property
     def is_present(self) -> bool:

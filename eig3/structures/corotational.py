@@ -13,18 +13,19 @@ import numpy as np
 
 from ..functions.callbacks import jit
 from ..kernels.compile.jit import element
-from .frame_members import DIRECTIONS, Member
+from .frame_members import Member
 
 
-def chords(names: Sequence[str], members: Sequence[tuple[str, str, Member]]) -> dict[str, np.ndarray]:
+def chords(names: Sequence[str], members: Sequence[Member], ends: Sequence[Sequence[str]]) -> dict[str, np.ndarray]:
     """Return the parameters of corotational members in the plane, or the parameters that members in space share.
 
     Parameters
     ----------
     names : sequence of str
         The names of all degrees of freedom.
-    members : sequence of (start, end, Member)
-        The names of the nodes, and the member.
+    members : sequence of Member
+    ends : sequence of sequence of str
+        For each member, the names of the degrees of freedom of both ends.
 
     Returns
     -------
@@ -35,14 +36,9 @@ def chords(names: Sequence[str], members: Sequence[tuple[str, str, Member]]) -> 
     """
     number = {name: i for i, name in enumerate(names)}
     return {
-        "ends": np.array(
-            [
-                [number.get(f"{node}.{d}", -1) for node in nodes for d in DIRECTIONS[member.start.size]]
-                for *nodes, member in members
-            ]
-        ),
-        "chords": np.array([member.end - member.start for *_, member in members]),
-        "stiffness": np.array([member.stiffness_of_chord.ravel() for *_, member in members]),
+        "ends": np.array([[number.get(name, -1) for name in of_member] for of_member in ends]),
+        "chords": np.array([member.end - member.start for member in members]),
+        "stiffness": np.array([member.stiffness_of_chord.ravel() for member in members]),
     }
 
 

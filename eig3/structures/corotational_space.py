@@ -25,7 +25,9 @@ from .frame_members import Member
 _SMALL = 1e-4  # below this square of an angle, series are exact to round-off
 
 
-def chords_in_space(names: Sequence[str], members: Sequence[tuple[str, str, Member]]) -> dict[str, np.ndarray]:
+def chords_in_space(
+    names: Sequence[str], members: Sequence[Member], ends: Sequence[Sequence[str]]
+) -> dict[str, np.ndarray]:
     """Return the parameters of corotational members in space.
 
     Returns
@@ -43,8 +45,8 @@ def chords_in_space(names: Sequence[str], members: Sequence[tuple[str, str, Memb
         if count < 3:
             raise ValueError(f"corotational members in space need all rotations of {node} fixed, or none.")
     return {
-        **chords(names, members),
-        "axes": np.array([member.axes.ravel() for *_, member in members]),
+        **chords(names, members, ends),
+        "axes": np.array([member.axes.ravel() for member in members]),
         "rotations": np.array([i for i, name in enumerate(names) if name.endswith(".rx")], dtype=int),
     }
 

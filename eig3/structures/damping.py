@@ -35,9 +35,9 @@ class Rayleigh:
 
     Notes
     -----
-    Other codes: OpenSees ``rayleigh(alphaM, betaK, 0, 0)``, with a and b in `coefficients`.
+    Other codes: OpenSees ``rayleigh(alphaM, 0, betaKinit, 0)``, with a and b in `coefficients`.
 
-    Not included: corotational frames, and a K that changes in the run.
+    Not included: a K that changes in the run; a corotational frame has K at rest.
     """
 
     xi: Any

@@ -59,7 +59,7 @@ class Frame:
         self.dimension = dimension
         self._places: dict[str, np.ndarray] = {}
         self._members: list[tuple[str, str, Member]] = []
-        self._hinges: dict[str, tuple[str, Link]] = {}
+        self._hinges: dict[tuple[int, str, str], tuple[str, Link]] = {}  # by the member, its end and the direction
         self._masses: dict[str, float] = {}
         self._inertias: dict[str, float] = {}
         self._fixed: set[str] = set()
@@ -88,7 +88,7 @@ class Frame:
         section: Section,
         *,
         releases: Iterable[str] = (),
-        hinges: Mapping[str, Link] | None = None,
+        hinges: Mapping[str, Link | Mapping[str, Link]] | None = None,
         up: Sequence[float] = (0.0, 0.0, 1.0),
     ) -> None:
         """Add a straight member between two nodes.
@@ -100,9 +100,10 @@ class Frame:
         releases : iterable of {"start", "end"}
             The ends without a moment.
         hinges : dict, optional
-            In the plane: plastic hinges, such as ``{"start": ElasticPlastic(8e7, 3e5)}``. The link of `eig3.effects`
-            gives the moment, N m, for the rotation of the end relative to its node, rad. The rotation of the end is a
-            degree of freedom, such as ``"a-b.rz_start"``, with the inertia of half the member.
+            Plastic hinges, such as ``{"start": ElasticPlastic(8e7, 3e5)}``. The link of `eig3.effects` gives the
+            moment, N m, for the rotation of the end relative to its node, rad. The rotation of the end is a degree of
+            freedom, such as ``"a-b.rz_start"``, with the inertia of half the member. In space, the directions of the
+            hinges have names, such as ``{"start": {"ry": law}}``; in these directions alone, the end rotates by itself.
         up : sequence of float, shape (3,)
             In space: a direction in the plane in which the section bends with I. A member along `up` uses x instead.
 
@@ -116,31 +117,44 @@ class Frame:
         free = frozenset([releases] if isinstance(releases, str) else releases)
         if not free <= {"start", "end"}:
             raise ValueError(f'releases must be some of "start" and "end", not {shown(releases)}.')
-        ends = {} if hinges is None else dict(hinges)
-        self._check_hinges(ends, free, section)
+        ends = self._check_hinges({} if hinges is None else dict(hinges), free, section)
         member = Member(section, self._place(start), self._place(end), free, _direction(up))
         if member.length == 0:
             raise ValueError(f"the member from {start} to {end} must have a length.")
         number = len(self._members)
         self._members.append((start, end, member))
-        for side, law in ends.items():
-            self._hinges[self._name_of_hinge(number, side)] = (start if side == "start" else end), law
+        same = sum((a, b) == (start, end) for a, b, _ in self._members[:number]) if ends else 0
+        for (side, direction), law in ends.items():
+            name = f"{start}-{end}{f'({same + 1})' * (same > 0)}.{direction}_{side}"
+            self._hinges[number, side, direction] = name, law
 
-    def _check_hinges(self, hinges: dict[str, Any], releases: frozenset[str], section: Section) -> None:
-        if not hinges:
-            return
-        if self.dimension != 2:
-            raise ValueError("hinges are for frames in the plane: in space, give links between nodes to `problem`.")
-        for side, law in hinges.items():
+    def _check_hinges(
+        self, hinges: dict[str, Any], releases: frozenset[str], section: Section
+    ) -> dict[tuple[str, str], Link]:
+        """Return the links of the hinges by their ends and directions."""
+        found = {}
+        rotations = DIRECTIONS[self.dimension][self.dimension :]
+        for side, given in hinges.items():
             if side not in ("start", "end") or side in releases or section.is_bar:
                 raise ValueError(f'hinges must be at "start" or "end", where the member has a moment, not at {side!r}.')
-            if not isinstance(law, Link):
-                raise TypeError(f"hinges[{side!r}] must be a link of eig3.effects, not {shown(law)}.")
+            if self.dimension == 3 and not isinstance(given, Mapping):
+                raise TypeError(
+                    f'hinges[{side!r}] must name directions in space, such as {{"ry": ElasticPlastic(...)}}.'
+                )
+            for direction, law in given.items() if isinstance(given, Mapping) else [(rotations[0], given)]:
+                if direction not in rotations:
+                    raise unknown_name(f"hinges[{side!r}] has", str(direction), rotations, ValueError)
+                if not isinstance(law, Link):
+                    raise TypeError(f"hinges[{side!r}] must be a link of eig3.effects, not {shown(law)}.")
+                found[side, direction] = law
+        return found
 
-    def _name_of_hinge(self, number: int, side: str) -> str:
+    def _ends(self, number: int, hinged: bool = True) -> list[str]:
+        """Return the names of the degrees of freedom of both ends of a member; with `hinged`, also of its hinges."""
         start, end, _ = self._members[number]
-        same = sum((a, b) == (start, end) for a, b, _ in self._members[:number])
-        return f"{start}-{end}{f'({same + 1})' * (same > 0)}.rz_{side}"
+        sides = [(side, node, x) for side, node in (("start", start), ("end", end)) for x in DIRECTIONS[self.dimension]]
+        hinges = self._hinges if hinged else {}
+        return [hinges[number, side, x][0] if (number, side, x) in hinges else f"{node}.{x}" for side, node, x in sides]
 
     def mass(self, node: str, m: float, inertia: float = 0.0) -> None:
         """Add a mass, kg, to a node, and a moment of inertia, kg m^2, to its rotations.
@@ -227,7 +241,8 @@ class Frame:
         corotational : bool
             Allow large displacements and rotations of the members, with small strains. By default the frame is linear.
             In space, rx, ry and rz of a node are then its rotation vector; its rates, as in `v0`, equal the angular
-            velocity only for small rotations. A run ends where a node has rotated by 2 pi.
+            velocity only for small rotations. A run ends where a node has rotated by 2 pi. Rayleigh damping has the
+            stiffness at rest, so it also resists large rotations of the members.
         **options
             The other options of `eig3.linear`, such as `damping`, `force`, `links`, `u0` and `work`.
 
@@ -252,24 +267,27 @@ class Frame:
         if ground is not None:
             options["ground"] = *ground, self._influence(names, direction)
         units = tuple(_UNITS[name.rpartition(".")[2][0]] for name in names)
+        C = None
         if corotational:
-            if self._hinges:
-                raise ValueError("hinges of members are for linear frames: leave out corotational=True.")
-            if {"force", "damping", "work", "params"} & {*options}:
-                raise ValueError("force, damping, work and params are for linear frames: leave out corotational=True.")
+            if self._hinges and self.dimension == 3:
+                raise ValueError("hinges of members in space are for linear frames: leave out corotational=True.")
+            if {"force", "work", "params"} & {*options}:
+                raise ValueError("force, work and params are for linear frames: leave out corotational=True.")
+            C = _damping_at_rest(options.pop("damping", None), masses, K)
             force, of, energy = _TURNING[self.dimension]
-            options |= {"force": force, "params": of(names, self._members)}
+            ends = [self._ends(k) for k in range(len(self._members))]
+            options |= {"force": force, "params": of(names, [member for *_, member in self._members], ends)}
             K = None
-        problem = linear(masses, None, K, t_span=t_span, names=names, units=units, **options)
-        if corotational and ground is None:
+        problem = linear(masses, C, K, t_span=t_span, names=names, units=units, **options)
+        if corotational and ground is None and C is None and not options.get("links"):
             problem = problem.with_(energy=energy)
         h = None if corotational or options.get("links") else self._stable_step(problem.params)
         return problem.with_(name="frame", view=self._view(names, 1.0), geometry=self._geometry(names), h=h)
 
     def _links(self, names: Sequence[str]) -> Iterator[tuple[Link, str | None, str]]:
         """Return the hinges as links between the rotations of a node and of the end of a member."""
-        for hinge, (node, law) in self._hinges.items():
-            rotation = f"{node}.rz"
+        for (number, side, direction), (hinge, law) in self._hinges.items():
+            rotation = f"{self._members[number][side == 'end']}.{direction}"
             is_fixed = rotation in self._fixed
             for name in (hinge, *[rotation] * (not is_fixed)):
                 if name not in names:
@@ -370,15 +388,12 @@ class Frame:
         if not self._members:
             raise ValueError("the frame must have at least one member.")
         every = [f"{node}.{direction}" for node in self._places for direction in DIRECTIONS[self.dimension]]
-        every += self._hinges if hinged else ()
+        every += [name for name, _ in self._hinges.values()] if hinged else []
         number = {name: i for i, name in enumerate(every)}
         d = len(DIRECTIONS[self.dimension])
         rows, columns, entries, masses = [], [], [], np.zeros(len(every))
-        for k, (start, end, member) in enumerate(self._members):
-            first = [number[f"{node}.ux"] for node in (start, end)]
-            places = np.concatenate([np.arange(i, i + d) for i in first])
-            for side, place in (("start", d - 1), ("end", 2 * d - 1)):
-                places[place] = number.get(self._name_of_hinge(k, side), places[place])
+        for k, (*_, member) in enumerate(self._members):
+            places = np.array([number[name] for name in self._ends(k, hinged)])
             K, m = member.matrices
             masses[places] += m
             rows.append(np.repeat(places, 2 * d))
@@ -408,6 +423,18 @@ def _moved(t: Any, u: np.ndarray, rest: np.ndarray, columns: np.ndarray, factor:
     """Return the places of the nodes, shape (s, nodes, dimension)."""
     values = np.concatenate([u, np.zeros((len(u), 1))], axis=1)  # column -1 is for fixed coordinates
     return rest + factor * values[:, columns]
+
+
+def _damping_at_rest(damping: Any, masses: np.ndarray, K: Any) -> Any:
+    """Return the damping matrix a M + b K with the stiffness at rest, or None."""
+    if damping is None:
+        return None
+    if not isinstance(damping, Rayleigh):
+        raise TypeError(f"the damping of a corotational frame must be eig3.Rayleigh(...), not {shown(damping)}.")
+    a, b = damping.of(check_mass(masses, None), K).coefficients
+    C = (a * scipy.sparse.diags_array(masses) + b * K).tocsr()
+    C.eliminate_zeros()  # without b, a diagonal
+    return C
 
 
 def _direction(up: Any) -> np.ndarray:

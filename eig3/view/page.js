@@ -8,6 +8,7 @@ const [DOT, BALL, SUPPORT, HIDDEN] = [0, 1, 2, 3]; // kinds of points
 const WIDTH = 256; // texels in a row of a texture
 const FAR = 1e30; // the side of a box that is not periodic
 const TRAIL = 0.7; // seconds of the film in which a trail is dark
+const POLE = 1 - 1e-4; // of an elevation: a camera above the scene still knows what is up
 const FEW = 40; // springs that are drawn as coils
 const MANY = 1000; // points: more are drawn as sprites, whose size has a limit, and without antialiasing, which is faster
 const VIRIDIS = ["#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b", "#fde725"];
@@ -271,19 +272,23 @@ void main() {
 const SOLIDS = [`
 attribute vec4 corners;
 varying vec3 normal_;
+varying float value;
 void main() {
-  vec3 centre = at(corners.x).xyz, x = at(corners.y).xyz - centre, y = at(corners.z).xyz - centre;
+  vec4 here = at(corners.x);
+  value = here.w;
+  vec3 centre = here.xyz, x = at(corners.y).xyz - centre, y = at(corners.z).xyz - centre;
   vec3 z = corners.w < 0.0 ? normalize(cross(x, y)) * 0.4 * min(length(x), length(y)) : at(corners.w).xyz - centre;
   vec3 turned = normal.x * x / dot(x, x) + normal.y * y / dot(y, y) + normal.z * z / dot(z, z);
   normal_ = normalMatrix * turned;
   gl_Position = projectionMatrix * modelViewMatrix * vec4(centre + position.x * x + position.y * y + position.z * z, 1.0);
 }`, `
 varying vec3 normal_;
+varying float value;
 uniform vec3 tint;
 uniform float cover;
 void main() {
   vec3 normal = normalize(normal_);
-  gl_FragColor = vec4(lit(tint, normal.z < 0.0 ? -normal : normal), cover);
+  gl_FragColor = vec4(lit(inColor(tint, value), normal.z < 0.0 ? -normal : normal), cover);
 }`, `
 uniform vec3 tint;
 void main() { gl_FragColor = vec4(0.55 * tint, 1.0); }`];
@@ -498,10 +503,16 @@ function roundStep(step) {
   return power * [1, 2, 5, 10].find(factor => factor * power >= 0.999 * step);
 }
 
+// The direction to a camera, from its azimuth and elevation in degrees.
+function sightOf([azimuth, elevation]) {
+  const [turn, rise] = [azimuth, POLE * elevation].map(angle => angle * Math.PI / 180);
+  return new THREE.Vector3(Math.cos(rise) * Math.cos(turn), Math.cos(rise) * Math.sin(turn), Math.sin(rise));
+}
+
 // Put the camera where the whole box is visible.
 function resetView() {
   const middle = new THREE.Vector3().addVectors(low, high).multiplyScalar(0.5);
-  const sight = (data.flat ? new THREE.Vector3(0, 0, 1) : new THREE.Vector3(0.58, -0.82, 0.42)).normalize();
+  const sight = (data.camera ? sightOf(data.camera) : data.flat ? new THREE.Vector3(0, 0, 1) : new THREE.Vector3(0.58, -0.82, 0.42)).normalize();
   const right = new THREE.Vector3().crossVectors(camera.up, sight).normalize(), up = new THREE.Vector3().crossVectors(sight, right);
   const slope = Math.tan(camera.fov * Math.PI / 360);
   let distance = 0;
@@ -511,7 +522,7 @@ function resetView() {
     distance = Math.max(distance, across / slope + corner.dot(sight));
   }
   controls.target.copy(middle);
-  camera.position.copy(middle).addScaledVector(sight, 1.22 * distance);
+  camera.position.copy(middle).addScaledVector(sight, 1.22 * distance * (data.camera?.[2] ?? 1));
   controls.update();
 }
 
@@ -705,7 +716,7 @@ async function begin() {
   addPoints(kinds, radii);
   addAxes();
   await addTrails();
-  for (const { name } of data.colors) element("color").add(new Option(name, name, false, data.colored && name === data.colors[0].name));
+  for (const { name } of data.colors) element("color").add(new Option(name, name, false, name === data.colored));
   await chooseColor(element("color").value);
   element("lines").textContent = data.lines.join(" · ");
   slider.max = data.frames - 1;

@@ -19,9 +19,10 @@ from typing import Any
 from ..animation import geometry
 from ..animation.animate import captions
 from ..animation.film import Film
+from ..animation.look import Look
 from ..drawing import before_growth
 from ..result.solution import Solution
-from .frames import Frames, content
+from .frames import content, frames_of
 
 _HERE = Path(__file__).parent
 _HEIGHT = 560  # pixels, in a notebook
@@ -57,6 +58,7 @@ def show(
     path: str | PathLike[str] | None = None,
     *,
     name: str,
+    look: Mapping[str, Any] | None = None,
     has_seconds: bool = True,
     t_end: float | None = None,
 ) -> Page:
@@ -69,6 +71,8 @@ def show(
     path : str or path, optional
     name : str
         The title of the page.
+    look : dict, optional
+        The limits, the camera and the color at the start; None for what is not chosen.
     has_seconds : bool
         Whether the time is in seconds; if not, it has no unit.
     t_end : float, optional
@@ -76,10 +80,11 @@ def show(
     """
     target = check_page(path)
     mechanism = geometry(view, name)
+    chosen = Look.of(mechanism, solution, **(look or {}))
     film = Film.of(before_growth(solution), has_seconds=has_seconds)
-    frames = Frames.of(mechanism, film, solution.outputs, solution.t)
+    frames = frames_of(mechanism, film)
     lines = captions(film, solution, solution.t[-1] if t_end is None else t_end)
-    page = _filled(name, *content(frames, lines))
+    page = _filled(name, *content(frames, chosen.colors(frames), lines, chosen))
     if target is None and _in_notebook():
         return Page(page)
     if target is None:
