@@ -101,8 +101,9 @@ CHAIN = """<mujoco><compiler angle="radian"/><option integrator="RK4"><flag cont
     <geom size="0.015" fromto="-0.1 0 0 0.1 0 0"/>
     <body name="ball" pos="0.1 0 0"><joint type="ball" pos="0.01 0 0"/><geom type="box" size="0.02 0.05 0.02"/>
       <body name="cross" pos="0 0.1 0"><joint axis="1 0 0"/><joint axis="0.2 0 1"/><geom fromto="0 0 0 0 0.1 0.02"/>
-        <body name="table" pos="0 0.1 0"><joint type="slide" axis="1 0 0" stiffness="20" springref="0.01"/>
-          <joint name="lift" type="slide" axis="0 0 1" stiffness="30"/><joint axis="0 1 0" damping="1e-4"/>
+        <body name="table" pos="0 0.1 0"><joint type="slide" axis="1 0 0" stiffness="20" springref="-0.01"/>
+          <joint name="lift" type="slide" axis="0 0 1" stiffness="30"/>
+          <joint axis="0 1 0" damping="1e-4" stiffness="2e-3" springref="-0.3"/>
           <geom type="ellipsoid" size="0.03 0.02 0.01" pos="0.01 0 0.01"/><site name="tip" pos="0.1 0 0"/></body>
       </body></body></body></body></worldbody>
 <actuator><motor name="turn" joint="shoulder" gear="0.5" ctrlrange="-1 0.4"/><motor name="push" joint="slide" gear="3"/>

@@ -13,6 +13,7 @@ from ..functions.callbacks import jit
 from ..scene.body_torque import BodyTorque
 from ..scene.effect import REAL, Body, Effect, arguments
 from ..scene.hinge_motor import HingeMotor
+from ..scene.joint_law import HingeLaw
 from .vector import cross, scale, vector
 
 
@@ -67,7 +68,7 @@ class Motor(BodyTorque):
         (axes,) = points
         if axes.scene.dimension == 3:
             raise TypeError("torque of Motor has an angle, which needs an axis in space: take body.motor(None, ...).")
-        return HingeMotor(self.torque), axes.across()
+        return HingeLaw(HingeMotor(self.torque)), axes.across()
 
     def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
         if name == "torque":

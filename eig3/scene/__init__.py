@@ -8,8 +8,8 @@ and stores its parameters in the array p: `group_text`, `links_text`, `mesh_text
 `codegen` arranges it in functions and compiles them. `constraint_system` checks the constraints, and `constraint_table`
 stores them for the kernels. `mesh` finds edges and surfaces of meshes. `fields` checks the names of the fields of an
 effect, and `names` makes the names in the source. `bonds` finds the pairs that a `pair_force`, a force between near
-points, excludes. `reading` makes scenes from files, `mechanism` from files of MuJoCo with the `joint_laws`, and
-`force_chains` finds the contacts in files for ParaView.
+points, excludes. `joint_law` puts a link into a joint of bodies. `reading` makes scenes from files, and `force_chains`
+finds the contacts in files for ParaView.
 """
 
 from .bodies import RigidBody

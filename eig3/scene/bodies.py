@@ -21,8 +21,8 @@ from .constraint import Constraint, Equation
 from .description import Description, Points
 from .effect import Link
 from .hinge_friction import HingeFriction, HingeFrictionInSpace
-from .hinge_law import HingeLaw, HingeLawInSpace
-from .hinge_motor import HingeMotor, HingeMotorInSpace
+from .hinge_motor import HingeMotor
+from .joint_law import HingeLaw, HingeLawInSpace
 from .point_joint import PointJoint
 from .prescribed_angle import PrescribedAngle, PrescribedAngleInSpace
 from .weld import Weld
@@ -196,9 +196,8 @@ class RigidBody:
         axis : array_like, shape (3,), optional
             In space, the axis of the torque.
         """
-        self.scene.add(
-            (HingeMotor if axis is None else HingeMotorInSpace)(torque), *self._about(other, axis, "a motor")
-        )
+        kind = HingeLaw if axis is None else HingeLawInSpace
+        self.scene.add(kind(HingeMotor(torque)), *self._about(other, axis, "a motor"))
 
     def torsional_spring(self, other: RigidBody | None, law: Link, axis: ArrayLike | None = None) -> None:
         """Add a link of `eig3.effects` for the angle of the body relative to another body, or to the ground.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,6 @@ from ..files.atoms import AtomTable, read_with_ase
 from ..files.lammps_data import read_lammps_data
 from ..files.meshes import MeshTable, read_mesh
 from .description import Description, Points
-from .mechanism import FileOfMechanism, read_mechanism
 
 _WITH_ASE = (".xyz", ".extxyz", ".pdb")
 _LAMMPS = (".data", ".lmp", ".lammps")
@@ -84,7 +84,7 @@ def read(
     units: Sequence[float],
     style: str | None,
     ignore: Collection[str],
-) -> FileOfAtoms | FileOfMesh | FileOfMechanism:
+) -> Any:
     """Read a file, as `Scene.read` describes it; `units` are of length, mass and time."""
     if any(not (np.ndim(x) == 0 and np.isfinite(x) and x > 0) for x in units):
         raise ValueError("length, mass and time must be positive numbers: the units of the file in the scene's units.")
@@ -94,7 +94,8 @@ def read(
     if path.suffix == ".xml" and b"<mujoco" in path.read_bytes():  # meshes may have this ending too
         if dimension != 3 or tuple(units) != (1.0, 1.0, 1.0):
             raise ValueError("a mechanism of MuJoCo has 3 dimensions, and its units: leave out dimension and units.")
-        return read_mechanism(kind, path, ignore)
+        mechanism = importlib.import_module("eig3.mechanism")  # it adds effects, which are over scenes
+        return mechanism.read_mechanism(kind, path, ignore)
     if ignore:
         raise ValueError("ignore is for mechanisms of MuJoCo, with the ending .xml.")
     if not (is_lammps or path.suffix in _WITH_ASE):

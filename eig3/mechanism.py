@@ -2,53 +2,42 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..files.mjcf import GROUND, Joint, MechanismTable, read_mjcf
-from ..functions.checks import reals
-from ..kernels.compile.jit import element
-from .bodies import Along, RigidBody
-from .description import Points
-from .effect import Body, arguments
-from .joint_laws import HingeDamper, HingeMotor, HingeSpring, SlideDamper, SlideMotor, SlideSpring, product, steady
+from .effects import Gravity, LinearDamper, LinearSpring, Link
+from .files.mjcf import GROUND, Joint, MechanismTable, read_mjcf
+from .functions.callbacks import jit
+from .functions.checks import reals
+from .scene.bodies import Along, RigidBody
+from .scene.description import Points
+from .scene.effect import arguments
+from .scene.joint_law import HingeLawInSpace, SlideLaw
 
 _PARALLEL = 1e-9  # the largest sine or cosine of the angle of axes that are parallel or at right angles
-_UNLIMITED = float(np.finfo(float).max)
-_LAWS = {
-    "hinge": (HingeSpring, HingeDamper, HingeMotor),
-    "slide": (SlideSpring, SlideDamper, SlideMotor),
-}
+_IN_JOINT = {"hinge": HingeLawInSpace, "slide": SlideLaw}
 
 
 @dataclass(frozen=True, eq=False)
-class Weight(Body):
-    """Uniform gravity in space: `effects.Gravity`, which modules of scenes cannot import."""
+class JointMotor(Link):
+    """A motor whose torque or force is a control between two limits, times a gear."""
 
-    field: ArrayLike
+    control: Callable
+    gear: ArrayLike
+    low: ArrayLike
+    high: ArrayLike
 
-    vectors = ("field",)
-    dimensions = (3,)
-    source = "Newton"
+    source = "prescribed by the user"
 
     @property
-    def title(self) -> str:
-        return "Gravity"
-
-    @staticmethod
-    @element
-    def acceleration(field):  # type: ignore[no-untyped-def]
-        return field
-
-    @staticmethod
-    @element
-    def potential(x, m, field):  # type: ignore[no-untyped-def]
-        return -m * product(field, x)
+    def tension(self) -> Any:
+        return _controlled(self.control, len(arguments(self.control)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,17 +91,34 @@ class FileOfMechanism:
             raise ValueError(f"motor must be {known}, not {motor!r}.")
         if motor in self._driven:
             raise ValueError(f"motor {motor!r} has a control already: read the file again for another.")
-        if callable(control):
-            if not hasattr(control, "py_func") or arguments(control) not in (("t",), ("t", "q", "rate")):
-                raise TypeError("control must be a number, or a jitted function of t, or of t, q and rate.")
-            limits = np.clip([found.low, found.high], -_UNLIMITED, _UNLIMITED)
-            law = control, found.gear, *limits.tolist()
-        else:
-            value = float(reals(control, "control"))
-            law = steady, found.gear * float(np.clip(value, found.low, found.high)), -_UNLIMITED, _UNLIMITED
+        limits = np.nan_to_num([found.low, found.high])  # no limit becomes the largest number
+        if not callable(control):
+            limits[:] = np.clip(float(reals(control, "control")), *limits)
+        elif not hasattr(control, "py_func") or arguments(control) not in (("t",), ("t", "q", "rate")):
+            raise TypeError("control must be a number, or a jitted function of t, or of t, q and rate.")
         self._driven.add(motor)
-        places = _coordinate(self._table, self._moving, found.body, found.joint)
-        self.scene.add(_LAWS[found.joint.kind][2](*law), *places)
+        law = JointMotor(control if callable(control) else _steady, found.gear, *limits.tolist())
+        _add_law(self._table, self._moving, found.body, found.joint, law)
+
+
+@jit
+def _steady(t):  # type: ignore[no-untyped-def]
+    return 0.0  # the limits are both the control
+
+
+@functools.cache
+def _controlled(control: Any, count: int) -> Any:
+    """Return the same function for the same control: scenes with the same functions share their code."""
+
+    @jit
+    def of_time(t, gear, low, high):  # type: ignore[no-untyped-def]
+        return -gear * min(max(control(t), low), high)
+
+    @jit
+    def of_joint(t, r, rate, gear, low, high):  # type: ignore[no-untyped-def]
+        return -gear * min(max(control(t, r, rate), low), high)
+
+    return of_time if count == 1 else of_joint
 
 
 def read_mechanism(kind: type, path: Path, ignore: Collection[str]) -> FileOfMechanism:
@@ -142,7 +148,7 @@ def read_mechanism(kind: type, path: Path, ignore: Collection[str]) -> FileOfMec
     for first, second in table.welds:
         _close(table, moving, first, second, None)
     if table.gravity.any():
-        scene.add(Weight(table.gravity))
+        scene.add(Gravity(table.gravity))
     return FileOfMechanism(
         scene=scene,
         bodies={name: _numbered(moving, number) for name, number in table.numbers.items() if name != "world"},
@@ -162,29 +168,27 @@ def _place(scene: Any, body: RigidBody | None, position: np.ndarray) -> Points:
     return scene.fixed(position) if body is None else body.at(position)
 
 
-def _coordinate(
-    table: MechanismTable, moving: list[RigidBody], number: int, joint: Joint
-) -> tuple[Points, Points, Points]:
-    """Return the points and vectors of which the angle of a hinge, or the displacement of a slide, is a function."""
+def _add_laws(table: MechanismTable, moving: list[RigidBody], number: int, joint: Joint) -> None:
+    """Add the spring and the damper of a joint."""
+    if joint.kind not in _IN_JOINT:
+        return
+    if joint.stiffness:
+        way = joint if joint.rest >= 0 else replace(joint, axis=-joint.axis)  # a rest length is not negative
+        _add_law(table, moving, number, way, LinearSpring(joint.stiffness, abs(joint.rest)))
+    if joint.damping:
+        _add_law(table, moving, number, joint, LinearDamper(joint.damping))
+
+
+def _add_law(table: MechanismTable, moving: list[RigidBody], number: int, joint: Joint, law: Link) -> None:
+    """Add a law for the angle of a hinge, or for the displacement of a slide."""
     body, of = moving[number], table.bodies[number]
     parent = _numbered(moving, of.parent)
     if joint.kind == "hinge":
-        mine, theirs, axis = body._about(parent, joint.axis, "a joint")
-        return mine, theirs, axis
-    anchor = of.joints[-1].anchor  # a hinge after slides turns about its anchor
-    return body.at(anchor), body._place_of(parent, anchor), body._of(parent, joint.axis)
-
-
-def _add_laws(table: MechanismTable, moving: list[RigidBody], number: int, joint: Joint) -> None:
-    """Add the spring and the damper of a joint."""
-    if not (joint.stiffness or joint.damping) or joint.kind not in _LAWS:
-        return
-    spring, damper, _ = _LAWS[joint.kind]
-    places = _coordinate(table, moving, number, joint)
-    if joint.stiffness:
-        moving[number].scene.add(spring(joint.stiffness, joint.rest), *places)
-    if joint.damping:
-        moving[number].scene.add(damper(joint.damping), *places)
+        places = body._about(parent, joint.axis, "a joint")
+    else:
+        anchor = of.joints[-1].anchor  # a hinge after slides turns about its anchor
+        places = body.at(anchor), body._place_of(parent, anchor), body._of(parent, joint.axis)
+    body.scene.add(_IN_JOINT[joint.kind](law), *places)
 
 
 def _join(body: RigidBody, parent: RigidBody | None, joints: list[Joint]) -> None:

@@ -1,4 +1,4 @@
-"""A law of links in the hinge between two bodies: its stretch is the angle, and its tension a torque against it."""
+"""A law of links in a joint: its stretch is the angle of a hinge, or the displacement of a slide."""
 
 from __future__ import annotations
 
@@ -11,25 +11,30 @@ import numpy as np
 from ..functions.callbacks import jit
 from ..kernels.compile.source import Writer, define
 from ..kernels.friction import couple_in_plane, couple_in_space, rate_in_plane, rate_in_space
+from ..kernels.slide import displacement, displacement_rate, forces_along
 from ..kernels.vector_angle import angle_in_plane, angle_in_space
 from .cell import Cell
 from .effect import RATE, Effect, arguments
 from .of_law import OfLaw
 
-_OF_ANGLE = ("t", "x", "v", "state")
+_OF_JOINT = ("t", "x", "v", "state")
 _PULLS = {"tension": "", "force_density": " * r"}
 
 
 @dataclass(frozen=True, eq=False)
 class HingeLaw(OfLaw, Cell):
-    """A law between two bodies, which have the vectors x0 and x1 in the plane."""
+    """A law between two bodies, which have the vectors x0 and x1 in the plane.
+
+    `kinematics` has three functions: the angle, its rate, and the forces of a torque that increases it.
+    """
 
     law: Any
 
     takes = (2,)
     dimensions = (2,)
+    kinematics: ClassVar[tuple[Any, Any, Any]] = angle_in_plane, rate_in_plane, couple_in_plane
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
-        **dict.fromkeys(("forces", "event", "state_after", RATE), _OF_ANGLE),
+        **dict.fromkeys(("forces", "event", "state_after", RATE), _OF_JOINT),
         "potential": ("x", "state"),
     }
 
@@ -59,7 +64,7 @@ class HingeLaw(OfLaw, Cell):
         return int(self.law.crossing)
 
     def functions(self) -> dict[str, Any]:
-        return dict(_of_angle(tuple(self.law.functions().items()), self.dimensions[0]))
+        return dict(_of_joint(tuple(self.law.functions().items()), self.takes[0], self.kinematics))
 
     def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
         check = Cell._check_returned if name == "forces" else Effect._check_returned
@@ -72,33 +77,40 @@ class HingeLawInSpace(HingeLaw):
 
     takes = (3,)
     dimensions = (3,)
+    kinematics = angle_in_space, rate_in_space, couple_in_space
+
+
+@dataclass(frozen=True, eq=False)
+class SlideLaw(HingeLawInSpace):
+    """A law for the displacement of the point x0 of a body from x1 of the second body along its unit vector x2."""
+
+    kinematics = displacement, displacement_rate, forces_along
 
 
 @functools.lru_cache(256)
-def _of_angle(inner: tuple[tuple[str, Any], ...], dimension: int) -> Any:
-    """Return functions of the vectors that call a law. The same law gives the same functions, so scenes share code."""
+def _of_joint(inner: tuple[tuple[str, Any], ...], points: int, kinematics: tuple[Any, Any, Any]) -> Any:
+    """Return functions of the points that call a law. The same law gives the same functions, so scenes share code."""
     known, out = dict(inner), Writer()
-    pulls = [name for name in _PULLS if name in known]
     calls = {name: f"law_{name}({', '.join(arguments(function))})" for name, function in inner}
-    torque = " + ".join(calls[name] + _PULLS[name] for name in pulls)
+    acting = [name for name in ("torque", *_PULLS) if name in known]
+    force = calls.get("torque") or f"-({' + '.join(calls[name] + _PULLS[name] for name in acting)})"
     given = {
         name: (arguments(known[name]), calls[name])
         for name in ("potential", "event", "state_after", RATE)
         if name in known
     }
-    given["forces"] = ("r", *(x for name in pulls for x in arguments(known[name]))), f"couple(x, -({torque}))"
+    of_forces = [x for name in acting for x in arguments(known[name])] + ["r"] * ("force_density" in known)
+    given["forces"] = tuple(of_forces), f"forces_of(x, {force})"
     for name, (read, value) in given.items():
-        taken = ["x"] * bool({"r", "rate"} & {*read}) + ["v"] * ("rate" in read)
-        with out.block(
-            f"def {name}({', '.join([*taken, *(x for x in dict.fromkeys(read) if x not in ('r', 'rate'))])})"
-        ):
-            if "r" in read:
-                out.line(f"r = angle({', '.join(f'x[{k}]' for k in range(dimension))})")
-            if "rate" in read:
-                out.line("rate = rate_of(x, v)")
+        of_points = [x for x in ("r", "angle", "rate") if x in read]
+        taken = ["x"] * bool(of_points or name == "forces") + ["v"] * ("rate" in read)
+        taken += [x for x in dict.fromkeys(read) if x not in of_points]
+        with out.block(f"def {name}({', '.join(taken)})"):
+            for variable in of_points:
+                from_points = f"r_of({', '.join(f'x[{k}]' for k in range(points))})"
+                out.line(f"{variable} = {'rate_of(x, v)' if variable == 'rate' else from_points}")
             out.line(f"return {value}")
-    plane = {"angle": angle_in_plane, "rate_of": rate_in_plane, "couple": couple_in_plane}
-    space = {"angle": angle_in_space, "rate_of": rate_in_space, "couple": couple_in_space}
-    names = {"__name__": __name__, **(plane if dimension == 2 else space), **{f"law_{name}": f for name, f in inner}}
-    defined = define(str(out), "hinge", names)
+    names = dict(zip(("r_of", "rate_of", "forces_of"), kinematics, strict=True))
+    names |= {"__name__": __name__, **{f"law_{name}": function for name, function in inner}}
+    defined = define(str(out), "joint", names)
     return tuple((name, jit(defined[name])) for name in given)
