@@ -40,7 +40,7 @@ NAMES = (*EVENTS, *OF_RUNS, *OF_ENSEMBLES, *AFTERWARDS)
 REFUSED = {
     frozenset({"save_every", "t_eval"}): "save_every and t_eval exclude each other",
     frozenset({"reduce", "save_to"}): "reduce and save_to exclude each other",
-    **{frozenset({"check", x}): f"check and {x} exclude each other" for x in ("executor", "reduce", "save_to")},
+    **{frozenset({"check", x}): f"check and {x} exclude each other" for x in ("executor", "reduce")},
 }
 OF_TOLERANCES = {"h_max", "first_step", "max_steps"}
 

@@ -63,10 +63,14 @@ def structure(options):
     return eig3.linear(M, options.pop("C", None), K, t_span=(0, 4), u0=[0.1, 0, 0, 0.2], **options)
 
 
-@pytest.mark.parametrize("h", [0.01, np.linspace(0.008, 0.01, 40)], ids=["one step", "steps"])
-@pytest.mark.parametrize(("options", "name"), STRUCTURES.values(), ids=STRUCTURES)
-def test_members_are_single_runs(options, name, h):
+OWN_STEPS = np.linspace(0.008, 0.01, 40)
+CASES = [*((kind, OWN_STEPS) for kind in STRUCTURES), ("function", 0.01), ("work", 0.01)]  # these have all other terms
+
+
+@pytest.mark.parametrize(("kind", "h"), CASES, ids=[f"{kind}, {'own ' * np.ndim(h)}steps" for kind, h in CASES])
+def test_members_are_single_runs(kind, h):
     """The order of sums differs: the difference is some multiples of round-off, which grow slowly in 500 steps."""
+    options, name = STRUCTURES[kind]
     problem = structure(options)
     own = np.multiply.outer(SCALES, getattr(problem.params, name))
     outputs = {"drift": storey_drifts(problem, range(N))}

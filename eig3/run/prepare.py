@@ -237,10 +237,9 @@ class Prepared:
         """Return the tolerances for n degrees of freedom."""
         if n not in self._tolerances:
             unknowns = self._system.first_order
+            size = unknowns.size
             assert self.options.tolerances
-            self._tolerances[n] = self.options.tolerances.of(
-                n - unknowns.size, unknowns.size, are_read=unknowns.is_read
-            )
+            self._tolerances[n] = self.options.tolerances.of(n - size, size, are_read=unknowns.is_read)
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:
