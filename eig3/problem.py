@@ -527,9 +527,9 @@ class Problem:
             The direction of view for points in space: azimuth and elevation, degrees, by default -60 and 30; and the
             distance relative to the usual one.
         color : str or array_like, shape (rows, points), optional
-            What colours the points, with a scale: "speed"; in a scene "force", the size of the total force on each
-            point, N; the name of an output of the solution with a value for each point; or such values at the saved
-            times, also for the moving points only.
+            What colours the points, with a scale: "speed"; in a scene without friction of grains "force", the size of
+            the total force on each mass, N, and 0 for supports and points of bodies; the name of an output of the
+            solution with a value for each point; or such values at the saved times, also for the moving points only.
         t_end : float, optional
             The end of the run, if the solution is only its beginning: the picture then names the part that it shows.
 

@@ -30,8 +30,8 @@ def braced_frame(
 ) -> Problem:
     """Return the plane frame with crossed braces on ground that moves as a record; u is relative to the ground.
 
-    The storeys sway much more slowly than a brace bends, so that a compressed brace buckles near Euler's load, where a
-    linear brace carries twice as much. `brace_forces` has the forces.
+    The storeys sway much more slowly than a brace bends, so that with these values a compressed brace buckles near
+    Euler's load, where a linear brace carries twice as much. `brace_forces` has the forces.
 
     Parameters
     ----------
@@ -39,7 +39,8 @@ def braced_frame(
         Mass of a storey at each of its two joints, kg, in addition to the mass of the members: a braced bay holds many
         other bays.
     camber : float
-        The deflection in the middle of a brace at rest, relative to its length.
+        The deflection in the middle of a brace at rest, relative to its length. With 0, a brace stays straight beyond
+        Euler's load.
     xi : float
         Damping ratio at the first frequency. The damping is proportional to the mass.
     peak : float

@@ -22,6 +22,8 @@ def shaking(duration: float, spacing: float, peak: float, seed: int) -> tuple[np
     It is white noise through the filter of Kanai and Tajimi for firm ground (15 rad/s, damping 0.6). The envelope rises
     during an eighth of the duration and falls from half of it.
     """
+    if not (isinstance(seed, int | np.integer) and seed >= 0):
+        raise ValueError(f"record must be a whole number of at least 0, not {seed!r}.")
     rng = np.random.default_rng(seed)
     t = record_places(duration, spacing, each=_BYTES)
     ratio = 2 * np.pi * np.fft.rfftfreq(2 * t.size, spacing) / 15.0

@@ -265,13 +265,14 @@ def test_forces_colour_the_points_of_a_scene(tmp_path):
     scene.add(LinearSpring(0.0, 1.0), scene.fixed((0, 0, 3)), high)
     problem = scene.problem((0, 0.1))
     solution = problem.integrate(h=0.01, save_to=tmp_path / "run")
-    loaded = eig3.load(tmp_path / "run")
+    loaded, complete = eig3.load(tmp_path / "run"), problem.load(tmp_path / "run")
     look = Look.of(problem.view, solution, color="force")
     np.testing.assert_allclose(look.values["force"][0], [10 + 15, 20 - 15, 0], rtol=1e-12)
     axes, _ = pixels_of(problem.view, solution, color="force")
     assert axes.figure.axes[1].get_ylabel() == "force (N)"
-    with pytest.raises(ValueError, match=r'^color="force" needs the right-hand side: load the solution with rhs='):
+    with pytest.raises(ValueError, match=r'^color="force" needs the accelerations: load the solution with '):
         Look.of(problem.view, loaded, color="force")
+    np.testing.assert_array_equal(Look.of(problem.view, complete, color="force").values["force"], look.values["force"])
 
 
 @pytest.mark.parametrize(
@@ -282,6 +283,8 @@ def test_forces_colour_the_points_of_a_scene(tmp_path):
         ({"limits": "most"}, r"limits must be .* not 'most'\.$"),
         ({"camera": (30, 20)}, r"camera needs points in space: leave it out, because these points move in a plane\.$"),
         ({"color": np.ones((11, 4))}, r"color must have a value .* of shape \(11, 3\), not \(11, 4\)\.$"),
+        ({"color": 3.0}, r"color must have a value .* of shape \(11, 3\), not \(\)\.$"),
+        ({"color": np.full((11, 3), np.nan)}, "color must be finite"),
         (
             {"color": "sped"},
             r"color must be 'speed', or an array of shape \(saved times, 3\), not 'sped': an output can",
@@ -294,7 +297,7 @@ def test_a_look_that_does_not_fit_is_refused(look, message):
         Look.of(mechanism, solution, **look)
 
 
-@pytest.mark.parametrize("camera", [(0, 91), (0,), (0, 0, 0), (np.nan, 0), "top", 30])
+@pytest.mark.parametrize("camera", [(0, 91), (0,), (0, 0, 0), (np.nan, 0), "top", "12", 30])
 def test_a_camera_must_be_angles(camera):
     mechanism, solution = still(np.eye(3))
     with pytest.raises(ValueError, match=r"^camera must be \(azimuth, elevation\) in degrees, with an elevation from"):

@@ -194,6 +194,11 @@ def test_hinges_need_inertia_and_a_moment():
         frame.problem((0, 1))
     with pytest.raises(ValueError, match="where the member has a moment"):
         frame.member("a", "c", COLUMN, releases="start", hinges={"start": law})
+    for k, name in enumerate(("1", "1-1")):
+        frame.node(name, k, 9.0)
+    frame.member("1", "1-1", COLUMN, hinges={"start": law})
+    with pytest.raises(ValueError, match=re.escape("two hinges have the name 1-1-1.rz_start: use names of nodes")):
+        frame.member("1-1", "1", COLUMN, hinges={"start": law})
 
 
 def in_space(**options):

@@ -50,24 +50,27 @@ class Look:
         values: dict[str, Any] = {
             name: output
             for name, output in solution.outputs.items()
-            if colored(mechanism, points, np.asarray(output)) is not None
+            if colored(mechanism, points, np.asarray(output)) is not None and np.isfinite(output).all()
         }
         if color is not None and not isinstance(color, str):
             given = reals(color, "color")
-            if len(given) != len(solution.t) or colored(mechanism, points, given) is None:
+            if given.ndim != 2 or len(given) != len(solution.t) or colored(mechanism, points, given) is None:
                 raise ValueError(
                     f"color must have a value for each saved time and point, an array of shape ({len(solution.t)}, "
                     f"{points}), not {given.shape}."
                 )
+            if not np.isfinite(given).all():
+                raise ValueError("color must be finite: give points without a value one at the end of the scale.")
             color, values = "color", {**values, "color": given}
         units = {}
-        if color == _FORCE not in values and mechanism.velocities and len(mechanism.masses):
+        has_forces = mechanism.velocities is not None and len(mechanism.masses) > 0
+        if color == _FORCE not in values and has_forces:
             values[_FORCE], units[_FORCE] = _forces(mechanism, solution, points), "N"
-        known = ["speed", *values]
+        known = list(dict.fromkeys(["speed", *[_FORCE] * has_forces, *values]))
         if color is not None and color not in known:
             raise ValueError(
                 f"color must be {' or '.join(map(repr, known))}, or an array of shape (saved times, {points}), not "
-                f"{color!r}: an output can colour if it has a value for each point."
+                f"{color!r}: an output can colour if it has a finite value for each point."
             )
         return cls(_limits(limits, dimension), _camera(camera, dimension), color or "", values, solution.t, units)
 
@@ -89,7 +92,10 @@ def _forces(mechanism: Any, solution: Any, points: int) -> np.ndarray:
     A point without a mass, such as a support or a point of a body, has 0.
     """
     if solution.a is None:
-        raise ValueError('color="force" needs the right-hand side: load the solution with rhs=problem.rhs.')
+        raise ValueError(
+            'color="force" needs the accelerations: load the solution with problem.load(path). Contacts with friction '
+            "have none, because their forces depend on their history: give color an array."
+        )
     a = np.reshape(solution.a, (len(solution.t), -1))
     moved = mechanism.velocities(solution.t, a) - mechanism.velocities(solution.t, np.zeros_like(a))
     found = np.zeros((len(a), points))
@@ -121,6 +127,8 @@ def _camera(camera: Any, dimension: int) -> tuple[float, float, float] | None:
     if dimension == 2:
         raise ValueError("camera needs points in space: leave it out, because these points move in a plane.")
     try:
+        if isinstance(camera, str | Mapping):
+            raise TypeError
         azimuth, elevation, distance = (*map(float, camera), 1.0)[:3] if len(camera) in (2, 3) else ()
         is_right = math.isfinite(azimuth) and abs(elevation) <= 90 and 0 < distance < math.inf
     except (TypeError, ValueError):

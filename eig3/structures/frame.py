@@ -102,8 +102,9 @@ class Frame:
         hinges : dict, optional
             Plastic hinges, such as ``{"start": ElasticPlastic(8e7, 3e5)}``. The link of `eig3.effects` gives the
             moment, N m, for the rotation of the end relative to its node, rad. The rotation of the end is a degree of
-            freedom, such as ``"a-b.rz_start"``, with the inertia of half the member. In space, the directions of the
-            hinges have names, such as ``{"start": {"ry": law}}``; in these directions alone, the end rotates by itself.
+            freedom, such as ``"a-b.rz_start"``, with the inertia of half the member. In space, hinges have
+            directions, such as ``{"start": {"ry": law}}``, which are the axes of the frame and not of the member: for a
+            column along z, "rz" is torsion. In these directions alone, the end rotates by itself.
         up : sequence of float, shape (3,)
             In space: a direction in the plane in which the section bends with I. A member along `up` uses x instead.
 
@@ -126,6 +127,8 @@ class Frame:
         same = sum((a, b) == (start, end) for a, b, _ in self._members[:number]) if ends else 0
         for (side, direction), law in ends.items():
             name = f"{start}-{end}{f'({same + 1})' * (same > 0)}.{direction}_{side}"
+            if any(name == other for other, _ in self._hinges.values()):
+                raise ValueError(f"two hinges have the name {name}: use names of nodes without hyphens.")
             self._hinges[number, side, direction] = name, law
 
     def _check_hinges(

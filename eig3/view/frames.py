@@ -67,7 +67,8 @@ def content(
     for k, color in enumerate(given):
         name, unit, values = color
         least, most = color.range(frames.visible)
-        if most > least:
+        if most > least or name == look.color:
+            most = most if most > least else least + 1.0
             levels = rounded(values, np.array(least), np.array(most - least), 8)
             blocks[f"color{k}"] = text_of(differences(levels, 8))
             colors.append({"name": name, "unit": unit, "low": least, "high": most, "block": f"color{k}"})
