@@ -94,6 +94,26 @@ def test_events_of_one_degree_of_freedom(method, events, h):
     )
 
 
+@eig3.jit
+def free(t, u, v, p):
+    return 0.0 * u
+
+
+@eig3.jit
+def shortly_before(t, u, v, p):
+    return u + 0.0625
+
+
+def test_a_zero_at_the_end_of_a_searched_step():
+    """The numbers are exact in binary: the step to t = 1 is searched for another event, and u is 0 at its end."""
+    options = {"h": 0.125, "save_every": 1, "events": {"before": eig3.Event(shortly_before), "zero": eig3.Event(place)}}
+    members = eig3.ensemble(free, (0, 2), -1.0, 1.0, params=K, outputs={"u": place}, **options)
+    assert members.notes == ()
+    assert [x.t[:2].tolist() for x in members.events.values()] == [[0.9375, 0.9375], [1.0, 1.0]]
+    alone = eig3.integrate(free, (0, 2), -1.0, 1.0, params=K[0], outputs={"u": place}, **options)
+    assert_members_are_single_runs(members, lambda i: alone)
+
+
 @pytest.mark.parametrize("h", STEPS.values(), ids=STEPS)
 def test_resets_of_two_degrees_of_freedom(h):
     options = {"events": {"wall": eig3.Event(first, apply=turn)}, "save_every": 3}
