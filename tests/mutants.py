@@ -295,7 +295,7 @@ MUTANTS = {
         ("np.arange(rows) == last]", "np.arange(rows) > last]"),
         ("values[later], values[places, last] = np.nan, end", "values[later], values[places, 0] = np.nan, end"),
     ],
-    ("kernels/loops/lane_search.py", "test_lane_events.py -k 'two_degrees or one_degree or searched_step'"): [
+    ("kernels/loops/lane_search.py", "test_lane_events.py -k 'two_degrees or one_degree or stays_at_its_zero'"): [
         ("unit * pair[V_END][j]", "pair[V_END][j]"),
         ("watch.t0 + (i - 1) * h, t", "watch.t0 + i * h, t"),
         ("side if side != 0 else math.nan", "side"),
