@@ -247,8 +247,8 @@ class _Reader:
         turns = np.array([joint.axis for joint in turning])
         slides = np.array([joint.axis for joint in joints if joint.kind == "slide"]).reshape(-1, 3)
         is_one_point = all(np.linalg.norm(joint.anchor - turning[0].anchor) < _COINCIDENT for joint in turning)
-        is_cross = len(turns) == 2 and abs(turns[0] @ turns[1]) < _STEEP
-        is_known = len(turning) < 2 or (set(kinds) <= {"hinge", "slide"} and is_one_point and (_are_square(turns) or is_cross))
+        is_apart = _are_square(turns) or (len(turns) == 2 and abs(turns[0] @ turns[1]) < _STEEP)
+        is_known = len(turning) < 2 or (set(kinds) <= {"hinge", "slide"} and is_one_point and is_apart)
         is_ordered = kinds == sorted(kinds, key=lambda kind: kind != "slide")
         is_known &= is_ordered and "free" not in kinds and _are_square(slides)
         if not (is_known or kinds == ["free"]):
