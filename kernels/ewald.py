@@ -1,8 +1,8 @@
 """The sum over waves in Ewald's sum: the energy of point charges and of all their periodic images, and the forces.
 
 Of each pair of waves k and -k in the periodic box with the volume V, one has the energy A |S|^2 with S = sum of q exp(i
-k x) over the points and A = 4 pi prefactor exp(-k^2 / (4 alpha^2)) / (V k^2), and exerts the force -2 A k q Im(conj(S)
-exp(i k x))) on a point: P. P. Ewald, Annalen der Physik 369 (1921).
+k x) over the points and A = 4 pi prefactor exp(-k^2 / (4 alpha^2)) / (V k^2), and exerts the force 2 A k q Im(conj(S)
+exp(i k x)) on a point: P. P. Ewald, Annalen der Physik 369 (1921).
 
 All numbers are in p, from the index `place` on: first the numbers below, then the forces, the waves and the turns.
 """

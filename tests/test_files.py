@@ -3,7 +3,7 @@
 import tracemalloc
 import warnings
 import xml.etree.ElementTree as ET
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import ase.io
 import h5py
@@ -15,9 +15,21 @@ from scipy.spatial.transform import Rotation
 
 import eig3
 from eig3.cli import main
-from eig3.effects import BreakingString, Gravity, HertzMindlin, LennardJones, LinearSpring, NeoHookean, SupportMotion
+from eig3.effects import (
+    Breaking,
+    BreakingString,
+    Gravity,
+    HertzContact,
+    HertzMindlin,
+    LennardJones,
+    LinearSpring,
+    Link,
+    NeoHookean,
+    SupportMotion,
+)
 from eig3.problems import double_pendulum, duffing, ten_storey_frame
 from eig3.scene import Scene
+from eig3.scene.force_chains import ForceChains
 
 TEXT = 5.1e-10  # half a unit of the last of ten digits, relative to 1
 
@@ -164,7 +176,7 @@ def test_grains_have_force_chains(tmp_path):
     scene = Scene(dimension=2, box=(3.0, None))
     radii = np.array([0.1, 0.2, 0.15, 0.1])
     x = np.array([(0.5, 0.0), (0.79, 0.0), (0.75, 0.34), (2.95, 0.5)])
-    grains = scene.mass(2.0, x, [(0, 0), (-0.5, 0.1), (0.2, 0.3), (0, 0)], inertia=0.01)
+    grains = scene.mass(2.0, x, [(0, -0.2), (-0.5, 0.1), (0.2, 0.3), (0, 0)], inertia=0.01)
     walls = scene.fixed([(0.5, -0.19), (0.05, 0.5)])
     contact = {"E": 1e6, "nu": 0.3, "friction": 0.0, "restitution": 0.6}
     scene.add(HertzMindlin(**contact, radii=radii), grains)
@@ -193,6 +205,40 @@ def test_grains_have_force_chains(tmp_path):
         begin, cells = int(steps["CellDataOffsets/normal_force"][0]), int(root["NumberOfCells"][0])
         np.testing.assert_array_equal(root["CellData/normal_force"][begin : begin + cells][-len(forces) :], forces)
         assert int(steps["CellDataOffsets/normal_force"][1]) == cells
+
+
+@dataclass(frozen=True, eq=False)
+class Mixed(Link):
+    """A contact of two materials."""
+
+    stiffness: object
+    contact_distance: float
+
+    cutoff_field = "contact_distance"
+    mixed = {"stiffness": "geometric"}  # noqa: RUF012
+    picture = "discs"
+
+    @staticmethod
+    @eig3.jit
+    def tension(r, stiffness, contact_distance):
+        return stiffness * (r - contact_distance) if r < contact_distance else 0.0
+
+
+def force_chains(scene):
+    return ForceChains.of(scene._cloud(), scene._placed, scene._pair_forces)
+
+
+def test_force_chains_mix_as_the_law_and_leave_out_fixed_pairs_and_states():
+    """The stiffness sqrt(4 N/m 9 N/m) and the overlap 0.5 m push with 3 N. Geometries do not know which links broke."""
+    scene = Scene(dimension=2)
+    x = np.column_stack([[0.0, 0.5, 1.25, 1.5], np.zeros(4)])
+    points = scene._added(x, np.array([1.0, 1.0, 0.0, 0.0]), 0 * x)
+    scene.add(Mixed([4.0, 9.0, 1.0, 1.0], 1.0), points)
+    pairs, forces = force_chains(scene)(0.0, x, 0 * x)
+    assert dict(zip(map(tuple, pairs.tolist()), forces, strict=True)) == {(0, 1): 3.0, (1, 2): 0.75}
+    scene = Scene(dimension=2)
+    scene.add(Breaking(HertzContact(9.0, 1.0), max_energy=5.0), scene.fixed((0, 0)), scene.mass(1.0, (0, 0.5)))
+    assert force_chains(scene) is None
 
 
 def states(path):

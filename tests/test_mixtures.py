@@ -1,5 +1,6 @@
 """Pair forces whose parameters differ between the points: mixing rules and charges."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +63,20 @@ def test_ewalds_force_is_the_gradient():
     for k in (0, 5, 250, 400, 596):
         energies = [problem.energy_of(problem.u0 + h * sign * (np.arange(a.size) == k), problem.v0) for sign in (-1, 1)]
         assert a[k] == pytest.approx(-(energies[1] - energies[0]) / (2 * h), rel=1e-5, abs=1e-6)
+
+
+def test_ewalds_energy_leaves_out_what_fixed_charges_share_up_to_the_cutoff():
+    """As the docstring says; the sum over the waves has all charges."""
+    effect, energies = Ewald(2.0, [1.0, 0.5, -1.5], 2.0, 1e-8), []
+    for masses in ([1.0, 1.0, 1.0], [1.0, 0.0, 0.0]):
+        scene = Scene(3, box=(4.0, 4.0, 4.0))
+        x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [3.9, 1.0, 0.0]])
+        scene.add(effect, scene._added(x, np.array(masses), 0 * x))
+        problem = scene.problem((0.0, 1.0))
+        energies.append(problem.energy_of(problem.u0, problem.v0))
+    r = np.hypot(1.1, 1.0)
+    shared = 2.0 * 0.5 * -1.5 * math.erfc(effect.alpha * r) / r
+    assert energies[0] - energies[1] == pytest.approx(shared, rel=1e-12)
 
 
 @pytest.mark.system
@@ -247,6 +262,10 @@ def ewald(box=(5.0, 5.0, 5.0), charges=(1.0, -1.0), **options):
         (lambda s, a: ewald(box=(5.0, 5.0, None)), "Ewald needs a scene with a periodic box along x, y and z"),
         (lambda s, a: ewald(charges=(1.0, 1.0)), "charges of Ewald must have the sum 0"),
         (lambda s, a: ewald(exclude_bonded=("1-2",)), "Ewald acts between all charges"),
+        (
+            lambda s, a: s.add(Coulomb(1.0, 0.0, 2.0, charges=1.0), a, exclude_bonded=("1-2",)),
+            "charges of Coulomb act between all points: leave out exclude_bonded, and add",
+        ),
     ],
 )
 def test_errors(act, message):

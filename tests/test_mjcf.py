@@ -253,6 +253,18 @@ def test_what_a_scene_leaves_out_is_named(old, new, message, tmp_path):
         ('<geom fromto="0 0 0 0 0 0.1"/>', "", "must give a mass to the body 'crank', which moves"),
         ("<default>", '<compiler settotalmass="3"/><default>', "has settotalmass='3' in a compiler"),
         ('type="capsule" size="0.01"', 'type="cylinder" size="0.01" shellinertia="true"', "has shellinertia='true'"),
+        (
+            "<joint/>",
+            '<joint type="slide"/><joint type="slide" axis="0 1 1"/>',
+            "has the joints slide, slide in body 'coupler', instead of slides at right angles",
+        ),
+        ('<joint name="drive"/>', '<joint name="drive" axis="0 0 0"/>', "has axis='0 0 0' in joint 'drive'"),
+        (
+            '<joint name="drive"/>',
+            '<joint name="drive" stiffness="1" springref="-170" ref="10"/>',
+            "has a springref half a turn or more from ref in joint 'drive'",
+        ),
+        ("<default>", '<default class="arm">', "has class='arm', and not 'main', in the default at its top"),
         ("</mujoco>", "", "is not an XML file: no element found"),
     ],
 )
@@ -262,6 +274,15 @@ def test_what_is_not_supported_is_named(old, new, message, tmp_path):
     (tmp_path / "model.xml").write_text(text.replace(old, new, 1))
     with pytest.raises(ValueError, match=message):
         Scene.read(tmp_path / "model.xml", ignore=("contact", "range"))
+
+
+def test_passive_disables_springs_and_dampers(tmp_path):
+    """Without a spring, any springref is read."""
+    text = FOUR_BAR.format(spring=0.01).replace('contact="disable"', 'contact="disable" passive="disable"')
+    text = text.replace('name="drive"', 'name="drive" stiffness="2" damping="1" springref="720"', 1)
+    (tmp_path / "model.xml").write_text(text)
+    joint = read_mjcf(tmp_path / "model.xml").bodies[0].joints[0]
+    assert (joint.name, joint.stiffness, joint.damping) == ("drive", 0.0, 0.0)
 
 
 def test_geoms_touch_by_the_rules_of_mujoco(tmp_path):

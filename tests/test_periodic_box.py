@@ -138,6 +138,17 @@ def test_a_link_on_a_line_acts_across_the_border(length):
     assert problem.energy_of(problem.u0, problem.v0) == pytest.approx(50 * (0.2 - length) ** 2, abs=1e-12)
 
 
+def test_links_are_checked_between_the_nearest_images():
+    """The ends are 0.4 m apart in a box of 10 m, 9.6 m without it, and the last ones coincide."""
+    scene = Scene(2, box=(10.0, None))
+    one, other, image = scene.mass(1.0, (0.2, 0.5)), scene.mass(1.0, (9.8, 0.5)), scene.mass(1.0, (-9.8, 0.5))
+    scene.add(effects.Breaking(effects.LinearSpring(10.0, 0.3), max_stretch=0.2), one, other)
+    with pytest.raises(ValueError, match="Breaking is broken at the start"):
+        scene.add(effects.Breaking(effects.LinearSpring(10.0, 0.8), min_stretch=-0.1), one, other)
+    with pytest.raises(ValueError, match="has no direction where its ends coincide"):
+        scene.add(effects.LinearSpring(10.0, 0.8), one, image)
+
+
 def test_a_row_on_a_line_oscillates_as_a_ring():
     """A wave along n masses has the frequency 2 sqrt(k/m) sin(pi q / n), also across the border."""
     n, q, stiffness = 12, 2, 40.0

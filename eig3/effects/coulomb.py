@@ -92,8 +92,8 @@ class Coulomb(Shifted, OfCharges):
     Raises
     ------
     ValueError
-        For alpha below 0, a cutoff that is not positive, and charges without a cutoff, or of points that are not one
-        group.
+        For alpha below 0, a cutoff that is not positive, and charges without a cutoff, of points that are not one
+        group, or with excluded pairs.
 
     Notes
     -----
@@ -103,7 +103,8 @@ class Coulomb(Shifted, OfCharges):
 
     Not included: without charges, the self energy of each charge, which ``coul/dsf`` adds: the energy of a crystal then
     differs from Madelung's sum by a constant, and the forces do not. Charges of two groups, and of links between given
-    points, for which the prefactor has the product.
+    points, for which the prefactor has the product. Charges with excluded pairs: the sum over all images needs all
+    pairs, and ``Coulomb(-prefactor * q1 * q2)`` between the two ends of a bond removes the energy of this pair.
     """
 
     prefactor: ArrayLike
@@ -145,6 +146,13 @@ class Coulomb(Shifted, OfCharges):
         if self.cutoff is None:
             return damped_potential_of if self.is_damped else potential_of
         return damped_potential if self.is_damped else plain_potential
+
+    def check_group(self, pair_force, cloud):
+        if self.charges is not None and pair_force.exclude_bonded:
+            raise ValueError(
+                f"charges of {self.title} act between all points: leave out exclude_bonded, and add "
+                "Coulomb(-prefactor * q1 * q2) to the two ends of each bond."
+            )
 
     def self_energy(self, columns):
         if self.charges is None:

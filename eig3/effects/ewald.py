@@ -48,7 +48,8 @@ class Ewald(OfCharges, LatticeSum):
     with ``Ewald``; both choose alpha by another estimate of the error.
 
     Not included: a mesh for the waves (PME, PPPM), boxes that shear, bonded pairs that do not act on each other, and
-    charges with a sum other than 0.
+    charges with a sum other than 0. The energy leaves out the pairs of fixed charges up to the cutoff,
+    which have a constant energy.
     """
 
     prefactor: float

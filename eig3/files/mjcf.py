@@ -228,6 +228,8 @@ class _Reader:
                 elements.omit(key, f"of {named}")
         rest = float(np.subtract(*(elements.numbers(values, key, "0", 1) for key in ("springref", "ref")))[0])
         axis = pose.rotation.apply(elements.numbers(values, "axis", "0 0 1", 3))
+        if not axis.any():
+            elements.refuse(f"axis='0 0 0' in {named}")
         return Joint(
             name=values.get("name", ""),
             kind=kind,
@@ -245,17 +247,18 @@ class _Reader:
         turns = np.array([joint.axis for joint in turning])
         slides = np.array([joint.axis for joint in joints if joint.kind == "slide"]).reshape(-1, 3)
         is_one_point = all(np.linalg.norm(joint.anchor - turning[0].anchor) < _COINCIDENT for joint in turning)
-        is_square = np.abs(turns @ turns.T - np.eye(len(turns))).max(initial=0.0) < _COINCIDENT
-        is_cross = len(turns) == 2 and abs(turns[0] @ turns[1]) < _STEEP
-        is_known = len(turning) < 2 or (set(kinds) <= {"hinge", "slide"} and is_one_point and (is_square or is_cross))
+        is_apart = _are_square(turns) or (len(turns) == 2 and abs(turns[0] @ turns[1]) < _STEEP)
+        is_known = len(turning) < 2 or (set(kinds) <= {"hinge", "slide"} and is_one_point and is_apart)
         is_ordered = kinds == sorted(kinds, key=lambda kind: kind != "slide")
-        is_known &= is_ordered and "free" not in kinds and np.linalg.matrix_rank(slides) == len(slides)
+        is_known &= is_ordered and "free" not in kinds and _are_square(slides)
         if not (is_known or kinds == ["free"]):
             self._elements.refuse(
-                f"the joints {', '.join(kinds)} in {named}, instead of slides and then a ball, a hinge, two hinges "
-                "that cross, or three hinges at right angles in one point"
+                f"the joints {', '.join(kinds)} in {named}, instead of slides at right angles and then a ball, a "
+                "hinge, two hinges that cross, or three hinges at right angles in one point"
             )
         for joint in joints:
+            if joint.kind == "hinge" and joint.stiffness and abs(joint.rest) >= np.pi:
+                self._elements.refuse(f"a springref half a turn or more from ref in joint {joint.name!r} of {named}")
             if joint.kind == "hinge" and len(turning) > 1:
                 for key in ("stiffness", "damping"):
                     if getattr(joint, key):
@@ -389,3 +392,8 @@ class _Reader:
             parents = [(x.body, bodies[y.body].parent) for x, y in ((a, b), (b, a)) if GROUND not in (x.body, y.body)]
             if "filterparent" in self._elements.disabled or all(x != parent for x, parent in parents):
                 yield a, b
+
+
+def _are_square(axes: np.ndarray) -> bool:
+    """Whether unit vectors, the rows, are at right angles to each other."""
+    return bool(np.abs(axes @ axes.T - np.eye(len(axes))).max(initial=0.0) < _COINCIDENT)

@@ -66,6 +66,8 @@ _OMITTED = {
     "joint": {name: name for name in ("armature", "frictionloss", "springyield")},
     "motor": {"armature": "armature", "damping": "damping"},
 }
+#: The flags that disable what other flags do; versions of MuJoCo before 3.3.3 have passive.
+_GROUPS = {"constraint": {"contact", "equality", "frictionloss", "limit"}, "passive": {"spring", "damper"}}
 _ACTUATORS = {
     *("general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion"),
     *("dcmotor", "pid", "plugin"),
@@ -114,13 +116,16 @@ class Elements:
             self.refuse(f"the element {self._root.tag}, and not mujoco, at its top")
         self._classes: dict[str, dict[str, dict[str, str]]] = {"main": {}}
         for element in self._root.findall("default"):
+            if element.get("class", "main") != "main":
+                self.refuse(f"class={element.get('class')!r}, and not 'main', in the default at its top")
             self._add_defaults(element, self._classes["main"])
         flags: dict[str, str] = {}
         for element in self._root.findall("option/flag"):
             flags |= element.attrib
         self.disabled = {name for name, value in flags.items() if value == "disable"}
-        if "constraint" in self.disabled:
-            self.disabled |= {"contact", "equality", "frictionloss", "limit"}
+        for group, parts in _GROUPS.items():
+            if group in self.disabled:
+                self.disabled |= parts
         self.options: dict[str, str] = {}
         for kind in ("compiler", "option"):
             for element in self._root.findall(kind):

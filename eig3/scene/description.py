@@ -291,7 +291,10 @@ class Description:
         if isinstance(effect, Body) and cloud.is_massless[np.concatenate(flat)].any():
             self._check_massless(effect)
         columns |= effect.shape_columns([cloud.rest[i] for i in flat])
-        effect.check_points([cloud.masses[i] for i in flat], [cloud.positions[i] for i in flat], columns)
+        positions = [cloud.positions[i] for i in flat]
+        if isinstance(effect, Link):
+            positions = _nearest(positions, cloud.box)
+        effect.check_points([cloud.masses[i] for i in flat], positions, columns)
         if not flat[0].size:
             return
         self._placed.append(Placed(effect, columns, flat))
@@ -488,3 +491,11 @@ def spread(values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
         return np.broadcast_to(values, shape)
     except ValueError:
         raise ValueError(f"{name} of masses must have the shape {shape} of these masses, not {values.shape}.") from None
+
+
+def _nearest(positions: list[np.ndarray], box: np.ndarray) -> list[np.ndarray]:
+    """Return the ends of links, with the image of each second end that is the nearest to its first end."""
+    first, second = positions
+    way = second - first
+    turns = np.round(way / np.where(box > 0, box, np.inf))
+    return [first, np.where(turns == 0, second, first + (way - box * turns))]

@@ -24,13 +24,13 @@ class ForceChains:
 
     Attributes
     ----------
-    masses : ndarray, shape (points,)
-        kg; 0 for fixed points.
+    inverse_masses : ndarray, shape (points,)
+        1/kg; 0 for fixed points.
     laws : list of (Placed, ndarray of int, shape (pairs, 2))
         Contacts of given pairs or of near points, and the pairs that bonds exclude.
     """
 
-    masses: np.ndarray
+    inverse_masses: np.ndarray
     laws: list[tuple[Placed, np.ndarray]]
 
     @classmethod
@@ -38,11 +38,15 @@ class ForceChains:
         """Return the contacts of a scene, or None if it has none."""
         laws: list[tuple[Placed, np.ndarray]] = []
         for law in (*placed, *pair_forces):
-            if isinstance(law.effect, Link) and law.effect.picture == "discs" and "tension" in law.effect.functions():
+            if not isinstance(law.effect, Link) or law.effect.picture != "discs":
+                continue
+            tension = law.effect.functions().get("tension")
+            if tension is not None and "state" not in arguments(tension):  # geometries have no states
                 orders = law.exclude_bonded if isinstance(law, PairForce) else ()
                 bonds = bonds_of(placed, cloud.bodies.carried) if orders else _NONE
                 laws.append((law, bonded_pairs(bonds, orders)))
-        return cls(cloud.masses, laws) if laws else None
+        inverse = 1 / np.where(cloud.masses > 0, cloud.masses, np.inf)
+        return cls(inverse, laws) if laws else None
 
     def __call__(self, t: float, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the pairs that push each other, shape (pairs, 2), and their normal forces, N, shape (pairs,).
@@ -59,18 +63,18 @@ class ForceChains:
             i, j = ends.T
             way = x[j] - x[i]
             r = np.linalg.norm(way, axis=1)
-            with np.errstate(divide="ignore"):
-                inverse = 1 / self.masses[i] + 1 / self.masses[j]
+            inverse = self.inverse_masses[i] + self.inverse_masses[j]
             given |= {
                 "t": np.full(len(r), t),
                 "r": r,
                 "rate": ((v[j] - v[i]) * way).sum(axis=1) / r,
-                "mass": 1 / inverse,
+                "mass": 1 / np.where(inverse > 0, inverse, np.inf),
             }
             tension = law.effect.functions()["tension"]
             columns = [given[name].tolist() for name in arguments(tension)]
             push = -np.array([tension(*values) for values in zip(*columns, strict=True)], dtype=float)
-            found.append((ends[push > 0], push[push > 0]))
+            is_felt = (push > 0) & (inverse > 0)  # fixed points do not push each other
+            found.append((ends[is_felt], push[is_felt]))
         pairs, forces = zip(*found, strict=True)
         return np.concatenate(pairs), np.concatenate(forces)
 
@@ -99,10 +103,8 @@ def _near(law: PairForce, x: np.ndarray, excluded: np.ndarray) -> tuple[np.ndarr
         known = set(map(tuple, excluded.tolist()))
         ends = ends[[tuple(sorted(pair)) not in known for pair in numbers[ends].tolist()]]
     i, j = ends.T
-    given: dict[str, Any] = {}
-    for name in _read(law):
-        of_points = np.broadcast_to(law.columns[name], first)
-        given[name] = of_points[i] if law.second.size else (of_points[i] + of_points[j]) / 2
+    columns = law.between(i, j).columns
+    given: dict[str, Any] = {name: np.broadcast_to(columns[name], len(ends)) for name in _read(law)}
     if isinstance(law.effect, FrictionalContact):
         radii = np.broadcast_to(reach, first) / 2
         other = given["wall_radius"] if law.second.size else radii[j]

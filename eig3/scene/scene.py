@@ -94,7 +94,8 @@ class Scene(Description):
             For a mesh: `scene`, `positions`, `cells`, `groups` of points and `cell_groups`.
         FileOfMechanism
             For a mechanism: `scene`, `bodies` and `sites` by name, `motors` and `drive`, and `timestep`. The scene has
-            its joints, constraints and gravity.
+            its joints, constraints and gravity. The spring of a hinge has an angle from -pi to pi: when the hinge turns
+            past half a turn, the spring has another torque than in MuJoCo.
 
         Raises
         ------
