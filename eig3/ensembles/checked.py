@@ -39,9 +39,10 @@ def _starts(members: Members, options: RunOptions, solution: EnsembleSolution) -
     invariants, _ = functions.quantities(members.form)
     starts = {name: np.full(len(members), np.nan) for name in invariants if functions.work_in(name) is None}
     for i in np.flatnonzero(solution.success).tolist() if starts else ():
-        u, v, params = members.start(i)
+        u, v, p = members.start(i)
+        p = guarded(p)
         for name, values in starts.items():
-            values[i] = invariants[name].callback.call(t0, u, v, guarded(params))
+            values[i] = invariants[name].callback.call(t0, u, v, p)
     return starts
 
 
