@@ -189,6 +189,7 @@ def _runs(
     for solution in _solutions(problem, h):
         text.status(f"{name}, {solution.method.label}")
         error = solution.check()
+        assert error  # nothing interrupts it
         true = np.abs(solution.u - truth(solution.t)).reshape(len(solution.t), -1)
         reliable = solution.t < (math.inf if error.reliable_until is None else error.reliable_until)
         size = np.abs(solution.u).max()

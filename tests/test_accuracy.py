@@ -1,11 +1,14 @@
 """`accuracy=`: the error that a run is asked for, against the true error, and what is said when it is not reached."""
 
+from threading import Event
+
 import numpy as np
 import pytest
 
 import eig3
 from eig3 import Status, problems
 from eig3.cli import main
+from eig3.ensembles.checked import errors_of_members
 from eig3.ensembles.in_process import Run as InProcess
 from eig3.run import accuracy as module
 from eig3.run import chunks, short
@@ -250,6 +253,55 @@ def test_a_later_ensemble_begins_with_what_was_learned(monkeypatch):
     later = ensemble(rhs=hardening, t_end=2000, accuracy=1e-6)
     assert (count > 3, len(runs) - count) == (True, 3)  # the run, and those with other tolerances
     np.testing.assert_array_equal(later.u, first.u)
+
+
+@eig3.jit
+def not_at_the_start(t, u, v, p):
+    return 10 * u if t > 0 else np.nan
+
+
+def test_an_output_that_is_nan_at_the_start_is_compared_elsewhere():
+    """The values after the start have the error of 10 u = 10 cos(t), in single runs and in ensembles."""
+    options = {"outputs": {"k": not_at_the_start}, "accuracy": {"k": 1e-3}, "t_eval": np.linspace(0, 500, 11)}
+    one = eig3.integrate(spring, (0, 500), 1.0, 0.0, params=1.0, scale=1e-4, **options)
+    many = ensemble(u0=np.full(8, 1.0), t_end=500, scale=1e-4, **options)
+    for outputs in (one.outputs["k"], *many.outputs["k"]):
+        assert np.abs(outputs - 10 * np.cos(one.t))[1:].max() < 1.2e-7
+    assert one.success
+    assert many.success.all()
+
+
+@eig3.jit
+def blowing_up(t, u, v, p):
+    return u * u * p[0] + 1
+
+
+def test_an_ensemble_whose_members_all_fail_is_returned():
+    solution = ensemble(rhs=blowing_up, u0=np.ones(3), accuracy=1e-3)
+    assert (solution.status == Status.STEP_TOO_SMALL).all()
+
+
+@pytest.mark.parametrize("options", [{"method": "rk4"}, {"method": "rk8"}])
+def test_a_cancelled_search_is_interrupted_and_learns_nothing(options, monkeypatch):
+    cancel, check = Event(), eig3.Solution.check
+    monkeypatch.setattr(eig3.Solution, "check", lambda self, cancel: cancel.set() or check(self, cancel=cancel))
+    module._learned.clear()
+    solution = run(accuracy=1e-6, cancel=cancel, **options)
+    assert (solution.status, solution.error) == (Status.INTERRUPTED, None)
+    assert "interrupted before its error was known" in solution.message
+    assert not module.learned(spring)
+
+
+def test_a_cancelled_ensemble_is_interrupted_and_learns_nothing(monkeypatch):
+    cancel = Event()
+    monkeypatch.setattr(
+        "eig3.ensembles.ensemble.errors_of_members", lambda *given: cancel.set() or errors_of_members(*given)
+    )
+    module._learned.clear()
+    solution = ensemble(accuracy=1e-6, cancel=cancel)
+    assert (solution.status == Status.INTERRUPTED).all()
+    assert "interrupted before this member had reached the accuracy" in solution.message[0]
+    assert not module.learned(spring)
 
 
 def test_members_that_miss_the_accuracy_say_why():

@@ -1,6 +1,8 @@
 """`check=True`: the estimated error of a run against the true error, its order, and the time from which it is wrong."""
 
 import copy
+import threading
+from functools import partialmethod
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 
 import eig3
 from eig3 import problems
+from eig3.ensembles.checked import errors_of_members
 from eig3.result.error_estimate import _order
 
 from .conftest import position, spring
@@ -311,6 +314,21 @@ def test_a_member_whose_fast_motion_is_damped_away_has_a_note():
     assert "energy changes by 1e+02 %, which the estimated error of u does not show" in runs.error[0].notes[-1]
 
 
+@eig3.jit
+def leaving(t, u, v, p):
+    return 1 + (0.8 if v < 0 else 0.5) * v
+
+
+def test_the_start_of_an_invariant_is_known(tmp_path):
+    """For u = cos(t) it falls from 1 to 0.2, and then rises beyond its start to 1.5."""
+    options = {"params": 1.0, "h": 0.01, "method": "rk4", "invariants": {"e": leaving}, "check": True}
+    single = eig3.integrate(spring, (0, 10), 1.0, 0.0, **options)
+    runs = eig3.ensemble(spring, (0, 10), np.ones(20), 0.0, **options)
+    assert single.error.notes[-1].startswith("e changes by 80 %")
+    for found in (runs, eig3.load(runs.save(tmp_path / "file"))):
+        assert found.error[3].notes[-1] == single.error.notes[-1]
+
+
 # In files ------------------------------------------------------------------------------------------------------------
 
 
@@ -331,11 +349,48 @@ def test_an_ensemble_in_files_keeps_its_errors(tmp_path, options):
     runs = eig3.ensemble(*given, params=1.0, check=True, save_to=tmp_path / "runs", **options)
     plain = eig3.ensemble(*given, params=1.0, **options)
     np.testing.assert_array_equal(runs.u, plain.u)
-    for loaded in (eig3.load(tmp_path / "runs"), eig3.load(runs.save(tmp_path / "file"))):
+    resumed = eig3.load(tmp_path / "runs", rhs=spring).resume()
+    for loaded in (eig3.load(tmp_path / "runs"), eig3.load(runs.save(tmp_path / "file")), resumed):
         np.testing.assert_array_equal(loaded.error.largest["u"], runs.error.largest["u"])
         np.testing.assert_array_equal(loaded.error[3].u, runs.error[3].u)
         assert loaded.error[3].notes == runs.error[3].notes
     assert eig3.load(plain.save(tmp_path / "plain")).error is None
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"h": 0.01},
+        {"h": 0.01, "t_eval": [5.0, 10.0]},
+        {"rtol": 1e-6, "method": "rk8"},
+        {"rtol": 1e-6, "method": "rk8", "outputs": {"height": position}},
+    ],
+)
+def test_compared_runs_that_are_interrupted_show_no_error(options, tmp_path, monkeypatch):
+    cancel = threading.Event()
+    monkeypatch.setattr(eig3.Solution, "check", partialmethod(interrupted_check, eig3.Solution.check))
+    given = {"params": 1.0, "check": True, "cancel": cancel, **options}
+    solution = eig3.integrate(spring, (0, 10), 1.0, 0.0, save_to=tmp_path / "run", **given)
+    assert solution.success
+    assert solution.error is eig3.load(tmp_path / "run").error is None
+
+
+def interrupted_check(solution, check, cancel):
+    cancel.set()
+    return check(solution, cancel=cancel)
+
+
+def test_compared_ensembles_that_are_interrupted_show_no_errors(tmp_path, monkeypatch):
+    cancel = threading.Event()
+    monkeypatch.setattr(
+        "eig3.ensembles.ensemble.errors_of_members", lambda *given: cancel.set() or errors_of_members(*given)
+    )
+    given = spring, (0, 10), np.linspace(1, 2, 20), 0.0
+    runs = eig3.ensemble(*given, params=1.0, h=0.01, check=True, save_to=tmp_path / "runs", cancel=cancel)
+    assert runs.success.all()
+    assert list(runs.error) == [None] * 20
+    assert np.isnan(runs.error.largest.get("u", np.nan)).all()
+    assert eig3.load(tmp_path / "runs").error is None
 
 
 def test_a_file_with_errors_of_another_ensemble_is_refused(tmp_path):

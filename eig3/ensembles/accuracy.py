@@ -28,6 +28,8 @@ from ..stepping.run_options import RunOptions
 from ..stepping.tolerances import LEAST_RTOL
 from .solution import EnsembleSolution
 
+_INTERRUPTED = "The ensemble was interrupted before this member had reached the accuracy."
+
 
 def check_members_method(method: Any) -> Any:
     """Refuse a method with a fixed step."""
@@ -41,7 +43,8 @@ def reach_members(
 ) -> EnsembleSolution:
     """Return the first run in which all members reach an accuracy, or the best run.
 
-    In the best run, a member that does not reach it has the status ACCURACY_NOT_REACHED.
+    In the best run, a member that does not reach it has the status ACCURACY_NOT_REACHED. After `cancel`, the last run
+    is returned, and members whose accuracy is not known have the status INTERRUPTED.
 
     Parameters
     ----------
@@ -65,6 +68,10 @@ def reach_members(
         started = time.perf_counter()
         solution = run(options._replace(tolerances=options.tolerances._replace(rtol=rtol)))
         misses = _misses(goal, solution)
+        if solution.error.is_interrupted:
+            for i in np.flatnonzero(misses > 1).tolist():
+                solution.status[i], solution.message[i] = Status.INTERRUPTED, _INTERRUPTED
+            return solution
         missing = misses[misses > 1]
         if not len(missing):
             known[key] = Known(rtol, None)
@@ -86,21 +93,24 @@ def reach_members(
     for i in np.flatnonzero(misses > 1).tolist():
         error = solution.error[i]
         solution.status[i] = Status.ACCURACY_NOT_REACHED
+        amount = f"{misses[i]:.2g} times as large" if np.isfinite(misses[i]) else "not known"
         solution.message[i] = (
-            f"The accuracy is not reached, because {reason or why(error)}: the estimated error is {misses[i]:.2g} "
-            "times as large."
+            f"The accuracy is not reached, because {reason or why(error)}: the estimated error is {amount}."
         )
     return solution
 
 
 def _misses(goal: Goal, solution: EnsembleSolution) -> np.ndarray:
-    """Return the largest error of each member as a multiple of the wanted error; NaN for members that failed."""
-    found = np.zeros(len(solution))
+    """Return the largest error of each member as a multiple of the wanted error.
+
+    It is infinite if it is not known, and NaN for members that failed.
+    """
+    found, unknown = np.zeros(len(solution)), np.full(len(solution), np.nan)
     for name, wanted in goal.wanted.items():
         if name == "drift":
             for each, drift in solution.drift.items():
                 ends = np.stack([solution.extremes[each].low, solution.extremes[each].high], axis=1)
-                found = np.fmax(found, drift / _sizes(goal, ends) / wanted)
+                found = np.maximum(found, drift / _sizes(goal, ends) / wanted)
             continue
         if name in solution.events:
             size = np.nanmax(solution.t, axis=1) - solution.t[:, 0] if goal.scale is None else goal.scale
@@ -108,8 +118,8 @@ def _misses(goal: Goal, solution: EnsembleSolution) -> np.ndarray:
             size = _sizes(
                 goal, getattr(solution, name) if name in ("u", "v") else (solution.outputs | solution.z)[name]
             )
-        found = np.fmax(found, solution.error.largest[name] / size / wanted)
-    return np.where(solution.success, found, np.nan)
+        found = np.maximum(found, solution.error.largest.get(name, unknown) / size / wanted)
+    return np.where(solution.success, np.where(np.isnan(found), np.inf, found), np.nan)
 
 
 def _sizes(goal: Goal, values: np.ndarray) -> Any:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..functions.guard import guarded
 from ..run.chunks import check_repeatable
 from ..run.variable_run import companion_ratios, companion_tolerances
 from ..stepping.march import Cancel
@@ -29,9 +30,20 @@ def errors_of_members(
         tried = (_with_steps(members, options, steps) for steps in (_finer(members, options), 1))
         others = [other for other in tried if other]
     found = [(Run(rhs, some, own, threads).march(cancel=cancel), ratio) for some, own, ratio in others]
-    functions = options.functions
-    balances = [name for name in functions.invariants if functions.work_in(name) is not None]
-    return MemberErrors(solution, found, balances)
+    return MemberErrors(solution, found, _starts(members, options, solution))
+
+
+def _starts(members: Members, options: RunOptions, solution: EnsembleSolution) -> dict[str, np.ndarray]:
+    """Return the values at the start of the invariants that are no energy minus the work; NaN after a failure."""
+    functions, (t0, _) = options.functions, members.t_span
+    invariants, _ = functions.quantities(members.form)
+    starts = {name: np.full(len(members), np.nan) for name in invariants if functions.work_in(name) is None}
+    for i in np.flatnonzero(solution.success).tolist() if starts else ():
+        u, v, p = members.start(i)
+        p = guarded(p)
+        for name, values in starts.items():
+            values[i] = invariants[name].callback.call(t0, u, v, p)
+    return starts
 
 
 def check_members_repeatable(options: RunOptions, what: str, **given: Any) -> None:

@@ -19,7 +19,6 @@ from ..kernels.compile.interrupt import keeping, with_solution
 from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.labels import Labels
-from ..result.status import Status
 from ..run.accuracy import check_goal, first_rtol, refuse_steps, refuse_without_accuracy
 from ..run.prepare import Prepared
 from ..run.progress import check_progress
@@ -200,7 +199,7 @@ def ensemble(
                 solution = run_in_parts(rhs, members, options, None, place, None, (own, 1), progress, cancel)
             with keeping(solution):
                 solution.error = errors_of_members(rhs, members, options, own, solution, cancel)
-            if place and not (solution.status == Status.INTERRUPTED).any():
+            if place and not solution.error.is_interrupted:
                 place.keep_error(solution)
             return solution
 

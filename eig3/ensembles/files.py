@@ -121,6 +121,11 @@ def whole_in(path: Path) -> Any:
     whole = storage.load(path / WHOLE)
     for part in sorted(path.glob(_PARTS)):
         whole._place(storage.load(part))
+    return with_error(whole, path)
+
+
+def with_error(whole: Any, path: Path) -> Any:
+    """Give an ensemble the estimated errors from its directory, if they are there, and return it."""
     if (path / _ERROR).is_file():
         kept = storage.fields_in(path / _ERROR)["error"]
         whole.error = MemberErrors.loaded(whole, kept, partial(_loaded, type(whole)))

@@ -17,7 +17,7 @@ from ..run.progress import check_progress
 from ..stepping.march import Cancel
 from ..stepping.run_options import RunOptions
 from ..stepping.threads import cores
-from .files import WHOLE, Directory, recipe_in, whole_in
+from .files import WHOLE, Directory, recipe_in, whole_in, with_error
 from .in_process import Run, at_start
 from .members import Members
 from .parts import Joined, Listed, Recipe, Results, parts_of
@@ -74,7 +74,8 @@ def _resumed(
         check_cancel(cancel)
     own = cores() if threads is None else check_count(threads, "threads")
     of_parts = own, threads or 1
-    return run_in_parts(rhs, members, options, None, place, executor, of_parts, progress, cancel)
+    solution = run_in_parts(rhs, members, options, None, place, executor, of_parts, progress, cancel)
+    return with_error(solution, place.path)
 
 
 def _loaded(path: Path) -> EnsembleSolution:

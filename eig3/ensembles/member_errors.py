@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..result.error_estimate import Companion, ErrorEstimate, PlainErrors, estimate, losses
-from ..result.solution import Solution
+from ..result.solution import Solution, Status
 
 
 class MemberErrors:
@@ -23,8 +23,8 @@ class MemberErrors:
     solution : EnsembleSolution
     others : sequence of (EnsembleSolution, float)
         The finer and, if it can be compared, the coarser ensemble, with the ratios of their steps or tolerances.
-    balances : sequence of str
-        The invariants that are an energy minus the work.
+    starts : dict of str to ndarray, shape (m,)
+        The values at the start of the invariants that are no energy minus the work.
 
     Attributes
     ----------
@@ -36,8 +36,8 @@ class MemberErrors:
         The time after which no digit of u is right; NaN if there is no such time.
     """
 
-    def __init__(self, solution: Any, others: Sequence[tuple[Any, float]], balances: Sequence[str] = ()) -> None:
-        self._solution, self._others, self._balances = solution, others, tuple(balances)
+    def __init__(self, solution: Any, others: Sequence[tuple[Any, float]], starts: Mapping[str, np.ndarray]) -> None:
+        self._solution, self._others, self._starts = solution, others, dict(starts)
 
     @classmethod
     def loaded(cls, solution: Any, kept: Any, read: Callable[[Any], Any]) -> MemberErrors:
@@ -46,11 +46,14 @@ class MemberErrors:
         names = [(len(x), np.shape(x.u)[2:], *map(sorted, _named(x))) for x in (solution, *(x for x, _ in others))]
         if not others or any(other != names[0] for other in names):
             raise ValueError("the compared ensembles are of another kind.")
-        return cls(solution, others, tuple(map(str, kept["balances"])))
+        starts = {name: np.asarray(x, dtype=float) for name, x in kept["starts"].items()}
+        if any(name not in solution.drift or x.shape != (len(solution),) for name, x in starts.items()):
+            raise ValueError("the invariants are others.")
+        return cls(solution, others, starts)
 
     def kept(self) -> dict[str, Any]:
         """Return the fields for a file."""
-        return {"others": [(x.__getstate__(), ratio) for x, ratio in self._others], "balances": self._balances}
+        return {"others": [(x.__getstate__(), ratio) for x, ratio in self._others], "starts": self._starts}
 
     def __len__(self) -> int:
         return len(self._solution)
@@ -59,14 +62,20 @@ class MemberErrors:
         return (self[i] for i in range(len(self)))
 
     def __getitem__(self, i: int) -> ErrorEstimate | None:
-        """Return the errors of a member; None if it failed."""
+        """Return the errors of a member; None if it failed, or if a compared run was interrupted."""
         member = self._solution[i]
-        if not member.success:
+        if not member.success or any(other.status[i] is Status.INTERRUPTED for other, _ in self._others):
             return None
         fine, *coarse = (_companion(member, other[i], ratio) for other, ratio in self._others)
         error = estimate(member, fine, coarse[0] if coarse else None)
-        starts = {name: _start(member, name) for name in member.drift if name not in self._balances}
+        starts = {name: float(x[i]) for name, x in self._starts.items()}
         return replace(error, notes=(*error.notes, *losses(member, error, starts)))
+
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether the ensemble, or a compared ensemble, was interrupted, so that some members have no errors."""
+        ensembles = self._solution, *(other for other, _ in self._others)
+        return any((each.status == Status.INTERRUPTED).any() for each in ensembles)
 
     @cached_property
     def _plain(self) -> PlainErrors:
@@ -107,12 +116,6 @@ class MemberErrors:
 
 def _named(solution: Any) -> tuple[Any, ...]:
     return solution.outputs, solution.z, solution.drift, solution.extremes, solution.events
-
-
-def _start(member: Solution, name: str) -> float:
-    """Return the value of an invariant at the start: the drift is the larger of its distances from the extremes."""
-    found, drift = member.extremes[name], member.drift[name]
-    return float(found.low + drift if found.t_high <= found.t_low else found.high - drift)
 
 
 def _companion(member: Solution, other: Solution, ratio: float) -> Companion:

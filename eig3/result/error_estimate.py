@@ -405,10 +405,14 @@ class PlainErrors(NamedTuple):
             for kind in ("outputs", "z", "drift"):
                 pairs |= {name: (x, getattr(fine[0], kind)[name]) for name, x in getattr(solution, kind).items()}
             largest = {
-                name: np.where(chosen, factor * np.abs(x - y).reshape(m, -1).max(axis=1), np.nan)
-                for name, (x, y) in pairs.items()
+                name: np.where(chosen, factor * _largest_of_members(x - y), np.nan) for name, (x, y) in pairs.items()
             }
         return cls(chosen, largest, np.where(chosen, order, np.nan))
+
+
+def _largest_of_members(values: np.ndarray) -> Any:
+    """Return the largest size of the values of each member, without NaN: an output may be 0 / 0 at the start."""
+    return np.fmax.reduce(np.abs(values).reshape(len(values), -1), axis=1, initial=0.0)
 
 
 def _factors(solution: Any, seen: np.ndarray, fine: tuple, coarse: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -94,7 +94,8 @@ class Solution:
     labels : Labels or None
         Names and units of the degrees of freedom, in a run of a problem.
     error : ErrorEstimate or None
-        The estimate of the errors of a run with ``check=True``, or after `check`.
+        The estimate of the errors of a run with ``check=True``, or after `check`. None too if the run failed, or if
+        `cancel` was set before the errors were known.
     reason : callable or None
         The function that `explain` calls; None if there is nothing to explain.
     """
@@ -153,7 +154,7 @@ class Solution:
         """The fields that a copy keeps, including fields that were not read yet."""
         return {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name not in TRANSIENT}
 
-    def check(self, *, cancel: Any = None) -> ErrorEstimate:
+    def check(self, *, cancel: Any = None) -> ErrorEstimate | None:
         """Estimate the errors of a successful run, by the same run with other steps.
 
         Parameters
@@ -163,8 +164,9 @@ class Solution:
 
         Returns
         -------
-        ErrorEstimate
-            It is `error` of this solution from now on. `print` of the solution shows it.
+        ErrorEstimate or None
+            It is `error` of this solution from now on. `print` of the solution shows it. None if a further run was
+            interrupted by `cancel`.
 
         Raises
         ------

@@ -32,6 +32,7 @@ LEAST_GAIN = 0.7  # a refined run whose error is a larger fraction of the best e
 MOST_STALLED = 2  # and after this number of such runs the search ends
 LARGEST_CHANGE = 1e-4  # least factor from one step, or tolerance, to the next
 _SHORTEN = 0.25  # factor to a step that was unstable
+_INTERRUPTED = "The run reached the end of its span, but was interrupted before its error was known."
 WITH_TOLERANCES = RK5, RK8, RKN12  # other methods take a fixed step
 
 
@@ -67,7 +68,7 @@ class Goal(NamedTuple):
     max_seconds: float
 
     def misses(self, solution: Solution) -> dict[str, float]:
-        """Return each error as a multiple of the wanted error."""
+        """Return each error as a multiple of the wanted error; infinity if it is not known."""
         assert solution.error
         largest, found = solution.error.largest, {}
         for name, wanted in self.wanted.items():
@@ -76,17 +77,17 @@ class Goal(NamedTuple):
                     drift / self._size(np.array([solution.extremes[each].low, solution.extremes[each].high]))
                     for each, drift in solution.drift.items()
                 ]
-                error = max(sizes, default=0.0)
+                error = float(np.max(sizes, initial=0.0))
             elif name in solution.events:
                 error = largest[name] / (self.scale or solution.t[-1] - solution.t[0])
             else:
                 values = getattr(solution, name) if name in ("u", "v") else _values(solution, name)
                 error = largest[name] / self._size(values)
-            found[name] = error / wanted
+            found[name] = math.inf if math.isnan(error) else error / wanted
         return found
 
     def _size(self, values: np.ndarray) -> float:
-        largest = float(np.abs(values).max(initial=0.0))
+        largest = float(np.fmax.reduce(np.abs(values), axis=None, initial=0.0))
         return self.scale or largest or 1.0
 
 
@@ -144,6 +145,8 @@ def reach(
 ) -> Solution:
     """Return the first run that reaches an accuracy, or the best run with the status ACCURACY_NOT_REACHED.
 
+    After `cancel`, the last run has the status INTERRUPTED.
+
     Parameters
     ----------
     goal : Goal
@@ -176,8 +179,8 @@ def reach(
         solution = prepared(*start, **first)
         if coarser and _has_reached(goal, solution, first.get("cancel"), coarser):
             return solution
-        if solution.success:
-            solution.check(cancel=first.get("cancel"))
+        if solution.success and solution.check(cancel=first.get("cancel")) is None:
+            solution.status, solution.message = Status.INTERRUPTED, _INTERRUPTED
         following = search.after(solution, value)
         if following is None:
             break
@@ -185,7 +188,8 @@ def reach(
     if search.reached:
         known[key] = _to_remember(goal, knob, solution, value, is_first)
         return solution
-    solution = search.best() if search.runs else solution
+    if search.runs and solution.status is not Status.INTERRUPTED:
+        solution = search.best()
     if raises:
         raise IntegrationError(solution)
     return solution
@@ -197,7 +201,7 @@ def _has_reached(goal: Goal, solution: Solution, cancel: Any, coarser: float) ->
         return False
     with keeping(solution):
         solution.error = solution._extend().error(solution, cancel, coarser)
-    return max(goal.misses(solution).values()) <= 1 and _is_sure(solution.error)
+    return solution.error is not None and max(goal.misses(solution).values()) <= 1 and _is_sure(solution.error)
 
 
 def _to_remember(goal: Goal, knob: str, solution: Solution, value: float, is_first: bool) -> Known:

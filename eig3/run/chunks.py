@@ -387,8 +387,8 @@ class Run:
     def itself(self) -> Run:
         return self
 
-    def error(self, solution: Solution, cancel: Cancel | None, coarser: float | None = None) -> ErrorEstimate:
-        """Estimate the error of the solution of this run.
+    def error(self, solution: Solution, cancel: Cancel | None, coarser: float | None = None) -> ErrorEstimate | None:
+        """Estimate the error of the solution of this run; None if a compared run was interrupted.
 
         If it is known how much larger the error of a coarser run is, see `ErrorEstimate`, one further run is enough.
 
@@ -398,7 +398,10 @@ class Run:
             If the method adds random numbers.
         """
         check_repeatable(self.stepper.method)
-        error = self.error_of(solution, cancel) if coarser is None else self.error_by(coarser, solution, cancel)
+        try:
+            error = self.error_of(solution, cancel) if coarser is None else self.error_by(coarser, solution, cancel)
+        except _InterruptedComparisonError:
+            return None
         look = self.stepper.look
         invariants = look.followed.invariants if look else {}
         starts = {name: look.start_of(k) for name, k in invariants.items() if look.followed.work[k] < 0}
@@ -422,6 +425,18 @@ def check_repeatable(method: Method) -> None:
     """Refuse a method whose runs with other steps have other random numbers."""
     if method.is_stochastic:
         raise ValueError(f"check compares runs with other steps, but {method!r} adds random numbers.")
+
+
+class _InterruptedComparisonError(Exception):
+    """`cancel` ended a compared run, which then shows no error."""
+
+
+def compared(begin: Callable[[], Run], cancel: Cancel | None) -> Solution:
+    """Run to its end a run that is compared with another run."""
+    solution = carry_out(begin, cancel, raise_on_failure=False)
+    if solution.status is Status.INTERRUPTED:
+        raise _InterruptedComparisonError
+    return solution
 
 
 def carry_out(begin: Callable[[], Run], cancel: Cancel | None, raise_on_failure: bool) -> Solution:

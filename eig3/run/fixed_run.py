@@ -27,7 +27,7 @@ from ..stepping.run_options import NEVER
 from ..stepping.stepper import Stepper
 from ..stepping.system import System
 from ..stepping.threads import side_by_side
-from .chunks import Run, carry_out
+from .chunks import Run, compared
 from .growth import Growth
 from .history import History
 from .progress import check_progress
@@ -146,7 +146,7 @@ class FixedRun(Run):
         times = None if self.times is None else self.times[self.times <= t_end]
         start = *stepper.start, guarded(stepper.params), times
         other = Stepper.of(stepper.system, stepper.t0, h, *start)
-        found = carry_out(FixedRun(other, n_steps, t_end, every, times).begin, cancel, raise_on_failure=False)
+        found = compared(FixedRun(other, n_steps, t_end, every, times).begin, cancel)
         companion = Companion.at_same_steps(solution, found, 4 / steps)
         return companion if len(companion.rows) > 1 else None
 

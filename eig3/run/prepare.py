@@ -146,7 +146,7 @@ class Prepared:
         solution = solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
         if check and solution.success:
             error = solution.check(cancel=cancel)
-            if save_to is not None:
+            if save_to is not None and error is not None:
                 keep_error(save_to, error)
         return solution
 

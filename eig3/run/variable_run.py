@@ -26,7 +26,7 @@ from ..stepping.threads import side_by_side
 from ..stepping.tolerances import LEAST_RTOL, Tolerances
 from ..stepping.variable_stepper import VariableStepper
 from . import short
-from .chunks import Run, Stop, carry_out
+from .chunks import Run, Stop, compared
 from .growth import OVERFLOWING
 from .history import FIRST_ROWS, History
 from .progress import check_progress
@@ -129,7 +129,7 @@ class VariableRun(Run):
             found = None if cancel else short_with_tolerances(other, 1, times)
         if found is None:
             other = VariableStepper(system, (stepper.t0, stepper.t_end), *start, tolerances, times)
-            found = carry_out(VariableRun(other, 1, times).begin, cancel, raise_on_failure=False)
+            found = compared(VariableRun(other, 1, times).begin, cancel)
         if times is None:
             return Companion.between_steps(solution, found, ratio)
         return Companion.at_same_times(solution, found, ratio)
