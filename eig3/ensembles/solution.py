@@ -96,8 +96,7 @@ class EnsembleSolution:
     labels : Labels or None
         Names and units of the degrees of freedom, in an ensemble of a problem.
     error : MemberErrors or None
-        With ``check=True``, the estimated errors of the members: ``error[i]`` is None for a member that failed, or
-        whose compared run was interrupted. Copies do not keep it, and files do.
+        With ``check=True``: ``error[i]`` is None if the member failed or was interrupted. Files keep it, copies do not.
     """
 
     t: np.ndarray
