@@ -94,8 +94,7 @@ class Solution:
     labels : Labels or None
         Names and units of the degrees of freedom, in a run of a problem.
     error : ErrorEstimate or None
-        The estimate of the errors of a run with ``check=True``, or after `check`. None too if the run failed, or if
-        `cancel` was set before the errors were known.
+        The errors of a run with ``check=True``, or after `check`; None too if the run failed or `cancel` was set.
     reason : callable or None
         The function that `explain` calls; None if there is nothing to explain.
     """
