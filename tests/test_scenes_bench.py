@@ -38,6 +38,7 @@ def test_every_effect_is_there():
     kinds = {effects.Body, effects.Link, effects.Motion}
     known = {getattr(effects, name) for name in effects.__all__} - kinds
     others = Cell, effects.FrictionalContact, effects.Constraint, effects.Torque, effects.Motor
+    others += effects.Ewald, effects.Breaking  # these need a periodic box, and have events
     known = {
         kind
         for kind in known
