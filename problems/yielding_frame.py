@@ -119,11 +119,6 @@ def draw(figure, solution, view, of_column, of_beam):
         turned = solution.u[:, solution.labels.names.index(f"{member}.rz_start")]
         if name.startswith("beam"):  # the joint turns too
             turned = turned - solution.u[:, solution.labels.names.index(f"{member[:2]}.rz")]
-        loops[name] = 1e3 * turned, 1e-3 * moment_of(of_end, turned, 1e-3 * plastic[:, k])
+        of_law = of_end.stiffness, of_end.yield_force, of_end.hardening, 0.0
+        loops[name] = 1e3 * turned, 1e-3 * np.vectorize(of_end.tension)(turned, 1e-3 * plastic[:, k], *of_law)
     drawing.plane(figure, loops, ("rotation of the hinge (mrad)", "moment of the hinge (kN m)"), aspect="auto")
-
-
-def moment_of(of_end, rotation, plastic):
-    """Return the moment of a hinge, as `ElasticPlastic` describes it."""
-    middle, half = of_end.hardening * of_end.stiffness * rotation, (1 - of_end.hardening) * of_end.yield_force
-    return np.clip(of_end.stiffness * (rotation - plastic), middle - half, middle + half)
