@@ -20,12 +20,13 @@ from ..stepping.run_options import RunOptions
 from ..stepping.tolerances import LEAST_RTOL
 from .chunks import IntegrationError, check_repeatable
 from .prepare import Prepared
+from .variable_run import RATIO
 
 AIM = 0.5  # the next run aims at this fraction of the accuracy
-_FIRST_RTOL = 0.03  # of the accuracy; the error of a whole run is larger than the error of a step
+_FIRST_RTOL = 0.001  # of the accuracy; the error of a whole run is larger than the error of a step
 _LARGEST_RTOL = 1e-2
 _FAR_BELOW = 0.1  # with a smaller error, relative to the accuracy, later calls begin with a larger tolerance,
-_LARGER = 30.0  # by at most this factor
+_LARGER = 100.0  # by at most this factor
 _STEPS = 1000  # of the first run of a method with a fixed step
 MOST_RUNS = 12
 LEAST_GAIN = 0.7  # a refined run whose error is a larger fraction of the best error does not converge,
@@ -39,7 +40,7 @@ WITH_TOLERANCES = RK5, RK8, RKN12  # other methods take a fixed step
 class Known(NamedTuple):
     """What a run that reached an accuracy has shown: the h or rtol for the next run, and its `ErrorEstimate.coarser`.
 
-    The latter is None if it is not sure, or not known for this tolerance. `is_first` is False after the first call.
+    The latter is None if it is not sure. `is_first` is False after the first call.
     """
 
     value: float
@@ -169,24 +170,22 @@ def reach(
     method = None if options.get("method") is None else check_method(options["method"])
     knob = "rtol" if method is None or isinstance(method, WITH_TOLERANCES) else "h"
     raises, key = bool(of_call.get("raise_on_failure")), (method, *sorted(goal.wanted.items()), goal.scale)
-    first = of_call | {"check": False, "raise_on_failure": False}
+    first, cancel = of_call | {"check": False, "raise_on_failure": False}, of_call.get("cancel")
     known, search = learned(rhs), _Search(goal, knob)
-    value, coarser, is_first = known.get(key) or (search.first(start[0]), None, True)
+    value, coarser, is_first = known.get(key) or (search.first(start[0]), search.coarser, True)
     while True:
         prepared = prepare(**{**options, knob: value})
         check_accuracy_names(goal, prepared.options)
         check_repeatable(prepared.method)
         solution = prepared(*start, **first)
-        if coarser and _has_reached(goal, solution, first.get("cancel"), coarser):
-            return solution
-        if solution.success and solution.check(cancel=first.get("cancel")) is None:
+        if solution.success and _error(goal, solution, cancel, coarser) is None:
             solution.status, solution.message = Status.INTERRUPTED, _INTERRUPTED
         following = search.after(solution, value)
         if following is None:
             break
-        value, coarser = following, None
+        value, coarser = following, search.coarser
     if search.reached:
-        known[key] = _to_remember(goal, knob, solution, value, is_first)
+        known[key] = _to_remember(goal, solution, value, is_first)
         return solution
     if search.runs and solution.status is not Status.INTERRUPTED:
         solution = search.best()
@@ -195,30 +194,33 @@ def reach(
     return solution
 
 
-def _has_reached(goal: Goal, solution: Solution, cancel: Any, coarser: float) -> bool:
-    """Whether a run reaches the accuracy by one further run, for a known ratio of their errors."""
-    if not solution.success or solution._extend is None:
-        return False
-    with keeping(solution):
-        solution.error = solution._extend().error(solution, cancel, coarser)
-    return solution.error is not None and max(goal.misses(solution).values()) <= 1 and _is_sure(solution.error)
+def _error(goal: Goal, solution: Solution, cancel: Any, coarser: float | None) -> ErrorEstimate | None:
+    """Let a run have its error, by one further run if it is known by how much the error of a coarser run is larger.
+
+    A finer run gives the error of a run with tolerances also where this ratio is not as expected. With a fixed step the
+    further run is a coarser one: it must show the ratio, and that the accuracy is reached.
+    """
+    if coarser and solution._extend is not None:
+        with keeping(solution):
+            error = solution.error = solution._extend().error(solution, cancel, coarser)
+        if error is None or solution.steps is not None:
+            return error
+        if max(goal.misses(solution).values()) <= 1 and not error.notes:
+            return error
+    return solution.check(cancel=cancel)
 
 
-def _to_remember(goal: Goal, knob: str, solution: Solution, value: float, is_first: bool) -> Known:
+def _to_remember(goal: Goal, solution: Solution, value: float, is_first: bool) -> Known:
     """Return what later calls begin with: a larger tolerance, if the first call has found a far smaller error."""
     error = solution.error
-    if error is None or not _is_sure(error):
-        return Known(value, None)
+    assert error
+    if solution.steps is None:
+        is_sure = error.coarser is not None and 2 <= error.coarser < math.inf and not error.notes
+        return Known(value, error.coarser if is_sure else None)
     miss = max(goal.misses(solution).values())
-    if is_first and knob == "rtol" and error.coarser and 0 < miss < _FAR_BELOW:
-        factor = min(_LARGER, (AIM / miss) ** (1 / math.log10(error.coarser)))
-        return Known(min(_LARGEST_RTOL, factor * value), None)
-    return Known(value, error.coarser)
-
-
-def _is_sure(error: ErrorEstimate) -> bool:
-    """Whether an error is in proportion to the errors of coarser runs."""
-    return error.coarser is not None and 2 <= error.coarser < math.inf and not error.notes
+    if is_first and 0 < miss < _FAR_BELOW:
+        value = min(_LARGEST_RTOL, min(_LARGER, AIM / miss) * value)
+    return Known(value, RATIO)
 
 
 def learned(rhs: Any) -> dict[Any, Known]:
@@ -245,6 +247,7 @@ class _Search:
 
     def __init__(self, goal: Goal, knob: str) -> None:
         self.goal, self.knob = goal, knob
+        self.coarser = RATIO if knob == "rtol" else None  # a tolerance and the error of a run are about in proportion
         self.runs: list[tuple[float, Solution]] = []  # each error as a multiple of the wanted error, and the run
         self.reached, self._reason = False, f"{MOST_RUNS} runs were not enough"
         self._count, self._stalled, self._begin = 0, 0, time.perf_counter()

@@ -34,7 +34,7 @@ from .progress import check_progress
 _NAMED = 5  # degrees of freedom that a note names
 _LONGER = 4  # a run counts as short if it takes at most this many times as long as the last run
 _LEAST_PACE = 1e-10  # seconds per step; a coarse clock may measure 0
-_RATIO = 10.0  # ratio of the tolerances of the runs that show the error,
+RATIO = 10.0  # ratio of the tolerances of the runs that show the error,
 _LARGEST_RTOL = 0.5  # and the largest rtol of these runs
 
 
@@ -340,9 +340,9 @@ def companion_ratios(given: Tolerances) -> tuple[float, ...]:
 
     Near round-off no run has a smaller error: a run with larger tolerances then differs by at least the error.
     """
-    if given.rtol < _RATIO * LEAST_RTOL:
-        return (_RATIO,)
-    return (1 / _RATIO, _RATIO) if given.rtol * _RATIO <= _LARGEST_RTOL else (1 / _RATIO,)
+    if given.rtol < RATIO * LEAST_RTOL:
+        return (RATIO,)
+    return (1 / RATIO, RATIO) if given.rtol * RATIO <= _LARGEST_RTOL else (1 / RATIO,)
 
 
 def companion_tolerances(given: Tolerances, ratio: float) -> Tolerances:
