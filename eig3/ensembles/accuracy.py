@@ -13,6 +13,7 @@ from ..result.solution import Status
 from ..run.accuracy import (
     AIM,
     LARGEST_CHANGE,
+    LEAST,
     LEAST_GAIN,
     MOST_RUNS,
     MOST_STALLED,
@@ -25,7 +26,6 @@ from ..run.accuracy import (
     why,
 )
 from ..stepping.run_options import RunOptions
-from ..stepping.tolerances import LEAST_RTOL
 from .solution import EnsembleSolution
 
 _INTERRUPTED = "The ensemble was interrupted before this member had reached the accuracy."
@@ -81,13 +81,13 @@ def reach_members(
         stalled += not is_better
         best = (rank, solution, misses) if best is None or rank < best[0] else best
         now = time.perf_counter()
-        if stalled >= MOST_STALLED or rtol <= LEAST_RTOL:
+        if stalled >= MOST_STALLED or rtol <= LEAST:
             reason = ""
             break
         if 2 * now - started - begin > goal.max_seconds:
             reason = f"the next run would exceed max_seconds = {goal.max_seconds:g}"
             break
-        rtol = max(LEAST_RTOL, rtol * min(0.5, max(LARGEST_CHANGE, AIM / rank[1])))
+        rtol = max(LEAST, rtol * min(0.5, max(LARGEST_CHANGE, AIM / rank[1])))
     assert best
     _, solution, misses = best
     for i in np.flatnonzero(misses > 1).tolist():

@@ -207,6 +207,8 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
     notes += [note] if note else []
     own, other = fine.own, fine.solution
     at_states = own is not None
+    if not at_states and (solution.outputs or solution.z):
+        notes.append("The compared run has saved other times, so that outputs and z have no errors: give t_eval.")
     events, counts = _of_events(solution, other, factor)
     notes += counts
     return ErrorEstimate(

@@ -23,11 +23,12 @@ from .prepare import Prepared
 from .variable_run import RATIO
 
 AIM = 0.5  # the next run aims at this fraction of the accuracy
-_FIRST_RTOL = 0.001  # of the accuracy; the error of a whole run is larger than the error of a step
+_FIRST_RTOL = 0.003  # of the accuracy; the error of a whole run is larger than the error of a step
 _LARGEST_RTOL = 1e-2
 _FAR_BELOW = 0.1  # with a smaller error, relative to the accuracy, later calls begin with a larger tolerance,
 _LARGER = 100.0  # by at most this factor
 _STEPS = 1000  # of the first run of a method with a fixed step
+LEAST = RATIO * LEAST_RTOL  # a run with a smaller tolerance has no finer run
 MOST_RUNS = 12
 LEAST_GAIN = 0.7  # a refined run whose error is a larger fraction of the best error does not converge,
 MOST_STALLED = 2  # and after this number of such runs the search ends
@@ -230,7 +231,7 @@ def learned(rhs: Any) -> dict[Any, Known]:
 
 def first_rtol(goal: Goal) -> float:
     """Return the tolerance of the first run."""
-    return max(LEAST_RTOL, min(_LARGEST_RTOL, _FIRST_RTOL * min(goal.wanted.values())))
+    return max(LEAST, min(_LARGEST_RTOL, _FIRST_RTOL * min(goal.wanted.values())))
 
 
 def check_accuracy_names(goal: Goal, options: RunOptions) -> None:
@@ -272,7 +273,7 @@ class _Search:
         if self.runs and miss > LEAST_GAIN * min(self.runs, key=_miss)[0]:
             self._stalled += 1
         self.runs.append((miss, solution))
-        least = LEAST_RTOL if self.knob == "rtol" else 0.0
+        least = LEAST if self.knob == "rtol" else 0.0
         if self.reached:
             return None
         if self._stalled >= MOST_STALLED or value <= least:

@@ -111,10 +111,7 @@ class VariableRun(Run):
         return estimate(solution, *both)
 
     def error_by(self, coarser: float, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
-        fine, *_ = companion_ratios(self.stepper.tolerances)
-        if fine > 1:
-            return self.error_of(solution, cancel)
-        return estimate(solution, self._companion(solution, fine, cancel), None, coarser)
+        return estimate(solution, self._companion(solution, 1 / RATIO, cancel), None, coarser)
 
     def _companion(self, solution: Solution, ratio: float, cancel: Cancel | None) -> Companion:
         """Return the run with other tolerances."""
