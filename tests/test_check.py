@@ -184,6 +184,18 @@ def test_tolerances_that_hardly_reduce_the_error_have_a_note():
     assert "the estimate is rough" in " ".join(solution.error.notes)
 
 
+@eig3.jit
+def stiff(t, u, v, p):
+    return 1e4 * (np.cos(t) - u) - 1e3 * v
+
+
+def test_tolerances_that_do_not_control_the_steps_have_a_note():
+    """A decay with exp(-990 t) limits the steps of RK5 by stability; nothing limits the steps of the oscillation."""
+    given = {"rtol": 1e-3, "method": "rk5", "params": 1.0, "check": True}
+    found = [eig3.integrate(rhs, (0, end), 1.0, 0.0, **given).error.notes for rhs, end in ((stiff, 5), (spring, 300))]
+    assert ["hardly more steps" in " ".join(notes) for notes in found] == [True, False]
+
+
 def test_an_exact_run_has_no_order():
     """Free fall is exact but for round-off: the runs differ in the last digits, or not at all."""
     solution = eig3.integrate(falling, (0, 1), 0.0, 0.0, h=2.0**-6, method="rk4", check=True)

@@ -31,6 +31,8 @@ _STEPS = {"two thirds of": 2 / 3, "half": 1 / 2, "twice": 2.0, "four times": 4.0
 _CLEAR = 0.1  # largest difference from the order of the method with which coarser runs alone give the error
 _NO_DIGIT = 0.5  # an error of this fraction of the motion: no digit is right
 _FEW_COLUMNS = 16
+_MANY_STEPS = 100  # fewer steps may not be more with a smaller tolerance
+_HARDLY = 0.3  # a smaller part of the further steps that the order lets expect is hardly a change
 _WINDOWS = 16  # parts of the run whose orders are compared
 _GROWING = 1e-10, 0.1  # range of the relative errors in which a rate of growth is measured,
 _FEWEST = 8  # from at least this number of states
@@ -194,6 +196,10 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
         coarser = observed and 2**observed
         if differences and coarse and not is_tiny and observed is not None and observed < order - _BELOW:
             notes.append(_lower(solution.method.label, differences, (coarse.ratio, fine.ratio), observed, order))
+    if order is None and _is_limited(solution, fine):
+        notes.append(
+            "A tenth of the tolerance takes hardly more steps: stability or h_max limits them, not the tolerance."
+        )
     if not fine.solution.success:
         notes.append(f"The compared run, {fine.name}, ended early: {fine.solution.message}")
 
@@ -340,6 +346,14 @@ def _by_tolerances(seen: float | None, is_tiny: bool, notes: list[str]) -> float
         "chaotic or have kinks, or no step may have seen a short event."
     )
     return 1 / (1 - 1 / _LEAST_RATIO)
+
+
+def _is_limited(solution: Any, fine: Companion) -> bool:
+    """Return whether a smaller tolerance hardly shortens the steps: then it may not reduce the error either."""
+    if solution.n_steps < _MANY_STEPS or fine.ratio > 1:
+        return False
+    expected = fine.ratio ** (-1 / solution.method.order) - 1
+    return bool(fine.solution.n_steps / solution.n_steps - 1 < _HARDLY * expected)
 
 
 def _by_order(
