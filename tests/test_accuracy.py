@@ -254,7 +254,7 @@ def test_a_later_ensemble_begins_with_what_was_learned(monkeypatch):
     first = ensemble(rhs=hardening, t_end=2000, accuracy=1e-6)
     count = len(runs)
     later = ensemble(rhs=hardening, t_end=2000, accuracy=1e-6)
-    assert (count > 3, len(runs) - count) == (True, 3)  # the run, and those with other tolerances
+    assert (count > 2, len(runs) - count) == (True, 2)  # the run, and the finer run
     np.testing.assert_array_equal(later.u, first.u)
 
 

@@ -19,12 +19,18 @@ from .solution import EnsembleSolution
 
 
 def errors_of_members(
-    rhs: Any, members: Members, options: RunOptions, threads: int, solution: EnsembleSolution, cancel: Cancel | None
+    rhs: Any,
+    members: Members,
+    options: RunOptions,
+    threads: int,
+    solution: EnsembleSolution,
+    cancel: Cancel | None,
+    is_goal: bool,
 ) -> MemberErrors:
-    """Run the ensemble with finer and with coarser steps."""
+    """Run the ensemble with finer and with coarser steps; for a goal, a finer ensemble with tolerances is enough."""
     others: list[tuple[Members, RunOptions, float]]
     if options.tolerances:
-        ratios = companion_ratios(options.tolerances)
+        ratios = companion_ratios(options.tolerances)[: 1 if is_goal else None]
         others = [(members, _with_tolerances(options, ratio), ratio) for ratio in ratios]
     else:
         tried = (_with_steps(members, options, steps) for steps in (_finer(members, options), 1))

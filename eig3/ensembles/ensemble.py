@@ -198,7 +198,7 @@ def ensemble(
             else:
                 solution = run_in_parts(rhs, members, options, None, place, None, (own, 1), progress, cancel)
             with keeping(solution):
-                solution.error = errors_of_members(rhs, members, options, own, solution, cancel)
+                solution.error = errors_of_members(rhs, members, options, own, solution, cancel, goal is not None)
             if place and not solution.error.is_interrupted:
                 place.keep_error(solution)
             return solution

@@ -404,26 +404,31 @@ class PlainErrors(NamedTuple):
         """Compare ensembles, each with its ratio. No member is chosen if their states are at different times."""
         m = len(solution)
         nothing = cls(np.zeros(m, dtype=bool), {}, np.full(m, np.nan))
-        if coarse is None or solution.events or not all(_are_at_same_times(solution, x) for x in (fine[0], coarse[0])):
+        others = [fine, *filter(None, [coarse])]
+        has_coarse = coarse is not None or solution.steps is not None
+        if solution.events or not (has_coarse and all(_are_at_same_times(solution, x) for x, _ in others)):
             return nothing
         u = solution.u.reshape(*solution.u.shape[:2], -1)
         sizes = np.abs(u).max(axis=1)
         scale = np.maximum(sizes, np.maximum(_SMALL * sizes.max(axis=1, keepdims=True), np.finfo(float).tiny))
         with np.errstate(all="ignore"):  # members that failed
-            near, far = ((u - x.u.reshape(u.shape)) / scale[:, None] for x, _ in (fine, coarse))
-            distances = [np.sqrt(np.einsum("ijk,ijk->ij", x, x)) for x in (near, far)]
-            seen = np.divide(*(np.sqrt(np.einsum("ij,ij->i", x, x)) for x in reversed(distances)))
-            chosen = (np.abs(near).max(axis=(1, 2)) >= _ROUND_OFF) & (distances[1] < _CONVERGING).all(axis=1)
-            factor, order, is_clear = _factors(solution, seen, fine, coarse)
-            chosen &= is_clear & solution.success & fine[0].success & coarse[0].success
-            chosen &= (np.abs(near).max(axis=(1, 2)) * factor) < _NO_DIGIT
+            relative = [(u - x.u.reshape(u.shape)) / scale[:, None] for x, _ in others]
+            near, distances = relative[0], [np.sqrt(np.einsum("ijk,ijk->ij", x, x)) for x in relative]
+            largest = np.abs(near).max(axis=(1, 2))
+            chosen = np.logical_and.reduce([solution.success, *(x.success for x, _ in others)])
+            factor, order = np.ones(m), np.full(m, np.nan)
+            if coarse is not None:
+                seen = np.divide(*(np.sqrt(np.einsum("ij,ij->i", x, x)) for x in reversed(distances)))
+                factor, order, is_clear = _factors(solution, seen, fine, coarse)
+                chosen &= is_clear & (largest >= _ROUND_OFF) & (distances[1] < _CONVERGING).all(axis=1)
+            chosen &= largest * factor < _NO_DIGIT
             pairs = {name: (getattr(solution, name), getattr(fine[0], name)) for name in ("u", "v")}
             for kind in ("outputs", "z", "drift"):
                 pairs |= {name: (x, getattr(fine[0], kind)[name]) for name, x in getattr(solution, kind).items()}
-            largest = {
+            errors = {
                 name: np.where(chosen, factor * _largest_of_members(x - y), np.nan) for name, (x, y) in pairs.items()
             }
-        return cls(chosen, largest, np.where(chosen, order, np.nan))
+        return cls(chosen, errors, np.where(chosen, order, np.nan))
 
 
 def _largest_of_members(values: np.ndarray) -> Any:
