@@ -218,8 +218,7 @@ def _to_remember(goal: Goal, solution: Solution, value: float, is_first: bool) -
     if solution.steps is None:
         is_sure = error.coarser is not None and 2 <= error.coarser < math.inf and not error.notes
         return Known(value, error.coarser if is_sure else None)
-    miss = max(goal.misses(solution).values())
-    if is_first and 0 < miss < _FAR_BELOW:
+    if is_first and 0 < (miss := max(goal.misses(solution).values())) < _FAR_BELOW:
         value = min(_LARGEST_RTOL, min(_LARGER, AIM / miss) * value)
     return Known(value, RATIO)
 
