@@ -304,7 +304,7 @@ def _choose(first: Search, records: list[Method]) -> list[Prediction]:
     for tolerant in variable:
         tolerant.run(first, longest=_SLOW * best.seconds, enough=enough)
         best = min(best, tolerant, key=_seconds)
-    names = (first.method.name, *kind.fixed)
+    names = dict.fromkeys([first.method.name, *kind.fixed])
     fitting = [m for name in names for m in records if m.name == name] or records
     ruled_out = [_failure(m, f"{_RULED_OUT}usually slower where {kind.name}") for m in records if m not in fitting]
     fixed: list[Search] = []
