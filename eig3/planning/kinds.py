@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ..functions.companions import constraints_of
 from .step_search import SCOUT, Search
 
 _FEW = 200  # with fewer steps of the guide, the cost of a step decides, more than the order
@@ -28,13 +29,16 @@ class Kind(NamedTuple):
 def kind_of(first: Search) -> Kind:
     """The kind of the motion that the runs of the first method have shown."""
     pilots, free, aim = first.pilots, not first.pilots.problem.uses_velocity, first.pilots.aim
+    is_limited, has_kinks = first.is_limited or first.method == SCOUT, (first.observed or _KINKS) < _KINKS
+    if constraints_of(pilots.problem.rhs) and not (is_limited or has_kinks):
+        return Kind("constraints hold", ("rk5",))
     if first.steps < _FEW:
         return Kind("the motion takes few steps", ("eig8", "eig5", "eig3") if free else ("eig8", "rk5", "eig5"))
-    if first.is_limited or first.method == SCOUT:
+    if is_limited:
         low = "cd" if free and not pilots.needs_reference else "eig3"
         fine = ("bm6", "eig5", "eig4") if free else ("eig5", "eig4", "eig3")
         return Kind("stability limits the step", fine if aim < _FINE else (low, "eig4", "eig5"))
-    if first.observed and first.observed < _KINKS:
+    if has_kinks:
         return Kind("the force has kinks", ("eig5", "eig3"), ("rk5",))
     if pilots.unevenness(pilots.span / first.steps) > _UNEVEN:
         if free:
