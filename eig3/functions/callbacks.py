@@ -23,7 +23,7 @@ from ..kernels.compile.numba_internals import (
     WITHOUT_RUNTIME,
     Jitted,
     address_of,
-    call_without_checks,
+    bare_jit,
     compile_results,
     gist,
     is_write_to_readonly,
@@ -67,8 +67,12 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
         return functools.partial(jit, **options)
     options = {**OPTIONS, **options}
     is_kept = options.pop("cache", True)
-    jitted = numba.njit(**options)(function)
-    return keep_on_disk(jitted) if is_kept else jitted
+    return bare_jit(function, keep_on_disk if is_kept else unkept, **options)
+
+
+def unkept(function: Any) -> Any:
+    """Return a jitted function that is compiled in each process."""
+    return function
 
 
 def without_runtime(function: Callable) -> Any:
@@ -84,8 +88,8 @@ class Callback:
     ----------
     address : int
         The address of its machine code. A kernel in pointer mode calls the function at this address.
-    call : callable
-        Calls the function from Python. The types of the arguments must match the signature; they are not checked.
+    kind : (str, Form)
+        The attribute of the form that is its signature, and the form.
     compiled : Numba's compile result
         Keeps the machine code alive.
     function : function
@@ -103,7 +107,7 @@ class Callback:
     """
 
     address: int
-    call: Callable
+    kind: tuple[str, Form]
     compiled: Any
     function: Callable
     reads_velocity: bool
@@ -111,6 +115,12 @@ class Callback:
     captured: tuple[Captured, ...]
     quiet: tuple[int, int] = (0, 0)
     pace: dict[tuple, float] = field(default_factory=dict)
+
+    @functools.cached_property
+    def call(self) -> Callable:
+        """Calls the function from Python. The types of the arguments must match the signature; they are not checked."""
+        kind, form = self.kind
+        return functools.partial(form.caller(kind), self.address)
 
 
 _ARGUMENTS = {
@@ -167,10 +177,9 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
             return known
     with DeferredInterrupt():
         result = _compile(function, kind, form, name or kind)
-        code = address_of(result), call_without_checks(result)
     captured = tuple(captured for _, captured in helpers_first(function))
     reads = reads_velocity(function), reads_time(function)
-    callback = Callback(*code, result, _with_present_globals(function), *reads, captured)
+    callback = Callback(address_of(result), (kind, form), result, _with_present_globals(function), *reads, captured)
     _checked[function][kind, form.name] = callback
     return callback
 
