@@ -288,8 +288,8 @@ class Form:
         """Compile ``call(address, t, u, v, p)``, which calls a function of some kind from Python, or load it."""
         signature = getattr(self, kind)
         template = value_at if len(signature.args) == 4 else values_at
-        types = int64, *signature.args
-        return compile_kernel(template, {"AT": function_at(signature)}, signature.return_type(*types), f"{kind}_{self.name}")
+        with_address = signature.return_type(int64, *signature.args)
+        return compile_kernel(template, {"AT": function_at(signature)}, with_address, f"{kind}_{self.name}")
 
     def with_rows(self, kind: str, function: Any) -> Any:
         """Return an element that calls a jitted function with rows."""
