@@ -10,7 +10,7 @@ from numba import types
 from numba.extending import intrinsic
 from numba.types import Array, float64, int64, none
 
-from .compile.jit import element, function_at
+from .compile.jit import compile_kernel, element, function_at
 from .compile.numba_internals import (
     FloatPointer,
     Located,
@@ -283,6 +283,14 @@ class Form:
         """Return a compiled ``function(address)``, where the function of some kind, such as "rhs", takes rows."""
         return function_at(getattr(self, kind), self.calls.get(kind))
 
+    @functools.cache  # noqa: B019  there are two forms
+    def caller(self, kind: str) -> Any:
+        """Compile ``call(address, t, u, v, p)``, which calls a function of some kind from Python, or load it."""
+        signature = getattr(self, kind)
+        template = value_at if len(signature.args) == 4 else values_at
+        with_address = signature.return_type(int64, *signature.args)
+        return compile_kernel(template, {"AT": function_at(signature)}, with_address, f"{kind}_{self.name}")
+
     def with_rows(self, kind: str, function: Any) -> Any:
         """Return an element that calls a jitted function with rows."""
         returns = kind in ("invariant", "apply")
@@ -290,6 +298,14 @@ class Form:
         if returns:
             return element(lambda t, u, v, p: call(t, u, v, p, function))
         return element(lambda t, u, v, p, out: call(t, u, v, p, out, function))
+
+
+def value_at(address, t, u, v, p):
+    return AT(address)(t, u, v, p)  # noqa: F821
+
+
+def values_at(address, t, u, v, p, out):
+    return AT(address)(t, u, v, p, out)  # noqa: F821
 
 
 @intrinsic

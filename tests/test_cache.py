@@ -149,7 +149,7 @@ def test_the_warning_comes_once_and_names_the_folder_and_the_command(tmp_path, m
     monkeypatch.setattr(cache, "_warned", set())
     functions = [eig3.jit(square.py_func) for _ in range(2)]
     for function in functions:
-        cache_of(function).files.folder = tmp_path / "a file"
+        cache_of(function.for_python).files.folder = tmp_path / "a file"
     (tmp_path / "a file").touch()
     with pytest.warns(RuntimeWarning) as caught:
         values = [function(3.0) for function in functions]
@@ -289,7 +289,7 @@ def test_in_a_folder_of_others_a_function_is_compiled_with_one_warning(tmp_path,
     functions = [eig3.jit(square.py_func) for _ in range(2)]
     tmp_path.chmod(0o777)
     for function in functions:
-        cache_of(function).files.folder = tmp_path
+        cache_of(function.for_python).files.folder = tmp_path
     with pytest.warns(RuntimeWarning) as caught:
         values = [function(3.0) for function in functions]
     assert values == [9.0, 9.0]

@@ -261,7 +261,7 @@ def test_a_loop_is_vectorised(function):
 
     x = np.full(64, 0.5)
     loop(x, np.empty(64))
-    (code,) = loop.inspect_llvm().values()
+    (code,) = loop.for_python.inspect_llvm().values()
     assert re.search(r"f(add|mul) .*<\d+ x double>", code)
     assert not re.search(r"call .*@(llvm\.)?(sin|cos|exp|log|tanh)(\.f64)?\(", code)
 

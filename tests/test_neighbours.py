@@ -457,7 +457,7 @@ def test_the_forces_of_near_pairs_are_computed_in_vectors(contact_distance):
     problem = scene.problem((0, 1))
     rhs = eig3.jit(problem.rhs.py_func, cache=False)  # code from the disk has no text
     rhs(0.0, problem.u0, problem.v0, problem.params.copy(), np.empty(problem.u0.size))
-    assert re.search(r"sqrtpd|fsqrt\s+v", next(iter(rhs.inspect_asm().values())))
+    assert re.search(r"sqrtpd|fsqrt\s+v", next(iter(rhs.for_python.inspect_asm().values())))
 
 
 def test_the_critical_step_is_that_of_all_pairs():

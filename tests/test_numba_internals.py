@@ -235,6 +235,22 @@ def test_a_function_that_is_linked():
         assert "cpython" not in code_of(numba.njit(**internals.WITHOUT_WRAPPERS)(double), float64)
 
 
+def test_a_function_without_the_code_for_calls_from_python(monkeypatch):
+    monkeypatch.setitem(sys.modules, internals.__name__, internals)
+    kept = []
+    bare = internals.bare_jit(double, lambda function: kept.append(function) or function, error_model="numpy")
+    with probe("A jitted function that `bare_jit` returns has the code for calls from Python, or cannot be called"):
+        assert "cpython" not in code_of(bare, float64)
+        assert numba.njit(lambda x: bare(x))(3.0) == bare(3.0) == 6.0
+    assert kept == [bare, bare.for_python]
+    with probe("What compiled functions call is not the function itself"):
+        assert internals.code_of(bare) is bare
+        linked = internals.linked_jit(double)
+        assert internals.code_of(linked) is linked.for_python
+    with probe("A function without the code for calls from Python cannot be called in another process"):
+        assert pickle.loads(internals.cloudpickle.dumps(bare))(3.0) == 6.0
+
+
 def test_functions_that_are_pickled_by_name(monkeypatch):
     with probe("Numba does not pickle a jitted function by `__reduce__` of its class"):
         named = internals.linked_jit(double)

@@ -509,7 +509,7 @@ def test_another_effect_in_the_library_changes_no_instruction():
         acceleration(problem, problem.u0, problem.v0)
         rhs = eig3.jit(problem.rhs.py_func, cache=False)  # code from the disk has no text
         rhs(0.0, problem.u0, problem.v0, problem.params, np.empty(problem.u0.size))
-        assembly = next(iter(rhs.inspect_asm().values()))
+        assembly = next(iter(rhs.for_python.inspect_asm().values()))
         return [line for line in assembly.splitlines() if "_ZN" not in line]  # names contain a counter
 
     before = instructions()

@@ -23,7 +23,7 @@ from ..kernels.compile.numba_internals import (
     WITHOUT_RUNTIME,
     Jitted,
     address_of,
-    call_without_checks,
+    bare_jit,
     compile_results,
     gist,
     is_write_to_readonly,
@@ -62,13 +62,20 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     cache is the code of the function, the code of the functions that it calls, and the values of global and closure
     variables. A function that uses other objects, such as an `enum`, is compiled in each process. Numba does not check
     indices unless the environment variable NUMBA_BOUNDSCHECK is 1 when Python starts.
+
+    A run compiles the function for other compiled functions. The first call from Python compiles it once more, as
+    ``function.for_python``, which also has the code of these calls for Numba's ``inspect_llvm`` and ``inspect_asm``.
     """
     if function is None:
         return functools.partial(jit, **options)
     options = {**OPTIONS, **options}
     is_kept = options.pop("cache", True)
-    jitted = numba.njit(**options)(function)
-    return keep_on_disk(jitted) if is_kept else jitted
+    return bare_jit(function, keep_on_disk if is_kept else unkept, **options)
+
+
+def unkept(function: Any) -> Any:
+    """Return a jitted function that is compiled in each process."""
+    return function
 
 
 def without_runtime(function: Callable) -> Any:
@@ -84,8 +91,8 @@ class Callback:
     ----------
     address : int
         The address of its machine code. A kernel in pointer mode calls the function at this address.
-    call : callable
-        Calls the function from Python. The types of the arguments must match the signature; they are not checked.
+    kind : (str, Form)
+        The attribute of the form that is its signature, and the form.
     compiled : Numba's compile result
         Keeps the machine code alive.
     function : function
@@ -103,7 +110,7 @@ class Callback:
     """
 
     address: int
-    call: Callable
+    kind: tuple[str, Form]
     compiled: Any
     function: Callable
     reads_velocity: bool
@@ -111,6 +118,12 @@ class Callback:
     captured: tuple[Captured, ...]
     quiet: tuple[int, int] = (0, 0)
     pace: dict[tuple, float] = field(default_factory=dict)
+
+    @functools.cached_property
+    def call(self) -> Callable:
+        """Calls the function from Python. The types of the arguments must match the signature; they are not checked."""
+        kind, form = self.kind
+        return functools.partial(form.caller(kind), self.address)
 
 
 _ARGUMENTS = {
@@ -167,10 +180,9 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
             return known
     with DeferredInterrupt():
         result = _compile(function, kind, form, name or kind)
-        code = address_of(result), call_without_checks(result)
     captured = tuple(captured for _, captured in helpers_first(function))
     reads = reads_velocity(function), reads_time(function)
-    callback = Callback(*code, result, _with_present_globals(function), *reads, captured)
+    callback = Callback(address_of(result), (kind, form), result, _with_present_globals(function), *reads, captured)
     _checked[function][kind, form.name] = callback
     return callback
 
@@ -310,10 +322,7 @@ def names_read(function: Any) -> list[str]:
 
 def attributes_of(function: Any, place: int) -> list[str]:
     """Return the attributes that the bytecode of a function reads of its argument at a place."""
-    function = getattr(function, "py_func", function)
-    if hasattr(function, "reads_z") and hasattr(function, "inner"):
-        function, place = function.inner.py_func, place + function.reads_z
-    code = function.__code__
+    code, place = _code_that_reads(function, place)
     found: list[str] = []
     variable, last = code.co_varnames[place] if place < code.co_argcount else "", None
     for instruction in dis.get_instructions(code):
@@ -323,6 +332,24 @@ def attributes_of(function: Any, place: int) -> list[str]:
             names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
             last = names[-1] if "LOAD_FAST" in instruction.opname or "LOAD_DEREF" in instruction.opname else None
     return found
+
+
+def reads_attributes_only(function: Any, place: int) -> bool:
+    """Return False if a function may use its argument at a place in another way than by reading attributes."""
+    code, place = _code_that_reads(function, place)
+    variable, uses = code.co_varnames[place], 0
+    for instruction in dis.get_instructions(code):
+        names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
+        uses += names.count(variable) if "FAST" in instruction.opname else 0
+    return variable not in code.co_cellvars and uses == len(attributes_of(function, place))
+
+
+def _code_that_reads(function: Any, place: int) -> tuple[types.CodeType, int]:
+    """Return the code that reads an argument of a function, and the place there, without bindings to unknowns z."""
+    function = getattr(function, "py_func", function)
+    if hasattr(function, "reads_z") and hasattr(function, "inner"):
+        function, place = function.inner.py_func, place + function.reads_z
+    return function.__code__, place
 
 
 def _check_arguments(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:

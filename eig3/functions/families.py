@@ -11,7 +11,7 @@ import numba
 from ..kernels.compile.captured import helpers_first
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.jit import bound, compiled
-from ..kernels.compile.numba_internals import Jitted, address_of, addresses_of_members, call_without_checks
+from ..kernels.compile.numba_internals import Jitted, address_of, addresses_of_members
 from ..kernels.loops.zeros import quiet_together
 from ..kernels.protocol import Form
 from .callbacks import Callback, compile_present, is_present, jit, reads_time, reads_velocity
@@ -82,7 +82,7 @@ class Family:
         return [
             Callback(
                 address,
-                functools.partial(call_without_checks(result), float(k)),
+                (kind, form),
                 result,
                 member.py_func,
                 reads_velocity(member),

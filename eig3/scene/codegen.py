@@ -26,7 +26,6 @@ from ..functions.companions import Constraints, History
 from ..functions.events import Event
 from ..functions.families import Family
 from ..kernels.compile.jit import with_symbol
-from ..kernels.compile.numba_internals import WITHOUT_C_WRAPPER
 from ..kernels.compile.source import define
 from ..kernels.constraint_lanes import UnrolledConstraints
 from ..kernels.constraints import FUNCTION_OF_SCENE
@@ -109,8 +108,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
 
 @functools.lru_cache(maxsize=256)
 def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
-    known = {"__name__": __name__, "sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index}
-    known["jit"] = functools.partial(jit, **WITHOUT_C_WRAPPER)
+    known = {"__name__": __name__, "sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index, "jit": jit}
     functions = define(text, "scene", {**known, **dict(names)})
     if "own" in functions:
         with_symbol(functions["own"], FUNCTION_OF_SCENE)

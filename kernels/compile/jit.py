@@ -28,6 +28,7 @@ from .numba_internals import (
     address_of,
     address_of_symbol,
     call_without_checks,
+    code_of,
     compile_for,
     compile_results,
     define_symbol,
@@ -86,8 +87,7 @@ def compiled(function: Any, arguments: tuple, what: str = "") -> Any:
 
 def type_returned(function: Any, arguments: tuple) -> Any:
     """Return the type that a jitted function returns for types of arguments."""
-    # An element has no code that could be kept: what is compiled of it for calls from Python has.
-    return return_type(compiled(getattr(function, "for_python", function), arguments))
+    return return_type(compiled(code_of(function), arguments))
 
 
 def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, label: str = "") -> Any:
