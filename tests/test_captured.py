@@ -60,9 +60,11 @@ def other_helper(names):
 @pytest.mark.parametrize("change", [other_number, other_entry_of_an_array, other_value_in_a_module, other_helper])
 def test_the_next_run_has_the_new_value(names, change):
     assert omega(names) == 1
+    assert names["rhs"](0.0, 1.0, 0.0, np.empty(0)) == -1
     change(names)
     assert omega(names) == 2
     assert omega(names) == 2
+    assert names["rhs"](0.0, 1.0, 0.0, np.empty(0)) == -4
 
 
 @pytest.mark.parametrize(

@@ -243,6 +243,9 @@ def test_a_function_without_the_code_for_calls_from_python(monkeypatch):
         assert "cpython" not in code_of(bare, float64)
         assert numba.njit(lambda x: bare(x))(3.0) == bare(3.0) == 6.0
     assert kept == [bare, bare.for_python]
+    with probe("A function that is called by a pointer has no code for this call"):
+        by_pointer = float64(numba.types.FunctionType(float64(float64)), float64)
+        assert numba.njit(by_pointer)(lambda function, x: function(x))(bare, 3.0) == 6.0
     with probe("What compiled functions call is not the function itself"):
         assert internals.code_of(bare) is bare
         linked = internals.linked_jit(double)

@@ -319,6 +319,15 @@ class _BareFunction(_NamedFunction):
     def __call__(self, *args: Any, **options: Any) -> Any:
         return self.for_python(*args, **options)
 
+    def get_compile_result(self, sig: Any) -> Any:
+        """Return the code for those that call a function by a pointer, such as an argument of Numba's `FunctionType`."""
+        return self.for_python.get_compile_result(sig)
+
+    def recompile(self) -> None:
+        """Compile the function again, with the present values of global variables; calls from Python get these too."""
+        vars(self).pop("for_python", None)
+        super().recompile()
+
 
 class _LinkedFunction(_BareFunction):
     """A jitted function that has machine code only in the functions that call it."""
