@@ -211,7 +211,7 @@ def _c(settings: Settings) -> list[Part]:
 
 
 def _printed(name: str, module: Any, **options: int) -> Part:
-    """What a benchmark prints. Its headings, and the titles of its cases, are headings below those of the report."""
+    """What a benchmark prints. Its headings, and the titles of its cases, are one level lower on the page."""
 
     def measured(record: Record) -> dict[str, Any]:
         lines: list[str] = []
