@@ -59,6 +59,7 @@ SPEED_HEADER = [
     "all cores",
     "one core / all",
     "one at a time / lanes",
+    "by hand",
     "JAX",
     "cores of JAX",
     "compile f (s)",
@@ -133,7 +134,7 @@ def benchmark(
 
 
 def speed_row(case: Case, method: str, m: int, n_steps: int, repeats: int) -> list[str]:
-    """The row of one method on one ensemble. Only EIG-3 has a loop in JAX."""
+    """The row of one method on one ensemble. Only EIG-3 has loops by hand and in JAX."""
     alone = case.one_by_one(min(_FEW, m))
     options: dict[str, Any] = {
         "h": case.h,
@@ -158,8 +159,10 @@ def speed_row(case: Case, method: str, m: int, n_steps: int, repeats: int) -> li
         "lanes": lanes,
         "all cores": lambda: case.problem.ensemble(**case_members, **options),
     }
-    if method == "eig3" and is_installed("jax"):
-        runs["jax"] = jax_eig3(case, m, n_steps)
+    if method == "eig3":
+        runs["by hand"] = case.run_by_hand(m, n_steps)
+        if is_installed("jax"):
+            runs["jax"] = jax_eig3(case, m, n_steps)
     cpu: list[float] = []
     title = f"{case.problem.name}, {METHODS[method]().label}"
     timed: dict[str, Callable[[], float]] = {name: partial(seconds_of, call) for name, call in runs.items()}
@@ -180,6 +183,7 @@ def speed_row(case: Case, method: str, m: int, n_steps: int, repeats: int) -> li
         text.number(ns["all cores"]),
         f"{ns['lanes'] / ns['all cores']:.2f}",
         f"{ns['one at a time'] / ns['lanes']:.1f}",
+        text.number(ns.get("by hand")),
         text.number(ns.get("jax")),
         f"{statistics.median(cpu[1:]) / seconds['jax']:.1f}" if "jax" in ns else "-",
         f"{compile_seconds(case, method):.2f}",
@@ -250,18 +254,21 @@ def contestants(case: Case) -> list[Contestant]:
     fixed = [
         Contestant(METHODS[name]().label, True, _steps(case, name), partial(_ours, name))
         for name in ACCURACY_METHODS
-        if case.problem.name in CASES
+        if case.by_hand
     ]
     controlled = [
         Contestant(f"{METHODS[name]().label}, tolerances", True, _TOLERANCES, partial(_with_tolerances, name))
         for name in TOLERANCE_METHODS
     ]
-    rivals = [
+    return [*fixed, *controlled, *_rivals(case)]
+
+
+def _rivals(case: Case) -> list[Contestant]:
+    return [
         Contestant(rival.label, False, _TOLERANCES, rival.prepare)
         for rival in ENSEMBLE_RIVALS
         if rival.is_installed and not rival.cannot(case)
     ]
-    return [*fixed, *controlled, *rivals]
 
 
 def _steps(case: Case, method: str) -> list[int]:
@@ -294,7 +301,7 @@ class Reference:
     """The displacements at the end by RK8 with small steps or tolerances, and the largest ones of each member."""
 
     def __init__(self, case: Case, m: int) -> None:
-        if case.problem.name not in CASES:
+        if not case.by_hand:
             u = _rows(case.problem.ensemble(rtol=_LEAST_RTOL, method="rk8", save_every=1, **case.members(m)).u, case)
             last = np.isfinite(u[..., 0]).sum(axis=1) - 1
             self.ends, self.sizes = u[np.arange(m), last], np.nanmax(np.abs(u), axis=1)

@@ -27,12 +27,12 @@ def ends_in_lanes(case, m, n_steps):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_lanes_and_jax_take_the_same_steps(name):
+def test_lanes_the_loop_by_hand_and_jax_take_the_same_steps(name):
     case, m, n_steps = CASES[name], 3, 200
     expected = ends_in_lanes(case, m, n_steps)
-    # the same sums in another order: round-off of 200 steps
-    ends = jax_eig3(case, m, n_steps)()
-    np.testing.assert_allclose(ends, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    for run in (case.run_by_hand(m, n_steps), jax_eig3(case, m, n_steps)):
+        # the same sums in another order: round-off of 200 steps
+        np.testing.assert_allclose(run(), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("name", [*CASES, *CASES_WITH_TOLERANCES])
@@ -158,7 +158,7 @@ def test_command_without_rivals(capsys, monkeypatch):
 
 
 def test_command_with_a_rival(capsys, monkeypatch):
-    """The second table has seconds and tolerance of the rival."""
+    """The row of EIG-3 has a loop by hand and one in JAX; the second table has seconds and tolerance of the rival."""
     pytest.importorskip("heyoka")
     monkeypatch.setattr(ensemble, "ENSEMBLE_RIVALS", HEYOKA[:1])
     monkeypatch.setattr(ensemble, "SPEED_METHODS", ("eig3",))
