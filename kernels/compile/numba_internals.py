@@ -320,12 +320,12 @@ class _BareFunction(_NamedFunction):
         return self.for_python(*args, **options)
 
     def get_compile_result(self, sig: Any) -> Any:
-        """Return the code for those that call a function by a pointer, such as an argument of Numba's `FunctionType`."""
+        """Return the code for calls by a pointer, such as an argument of Numba's type `FunctionType`."""
         return self.for_python.get_compile_result(sig)
 
     def recompile(self) -> None:
         """Compile the function again, with the present values of global variables; calls from Python get these too."""
-        vars(self).pop("for_python", None)
+        self.__dict__.pop("for_python", None)
         super().recompile()
 
 
