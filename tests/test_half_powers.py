@@ -62,7 +62,7 @@ def test_whole_numbers_arrays_and_assignments_have_half_powers_too():
 
 
 def calls_pow(function):
-    code = optimised_code(next(iter(compile_results(function).values())))
+    code = optimised_code(next(iter(compile_results(getattr(function, "for_python", function)).values())))
     return bool(re.search(r"(llvm\.pow|@pow)\b", code))
 
 
@@ -70,7 +70,7 @@ def test_no_pow_is_left():
     with_root, with_pow = power(1.5), power(0.7)
     plain = numba.njit(with_root.py_func)
     for function in (with_root, with_pow, plain):
-        function(2.0)
+        function(2.0)  # which compiles it for calls from Python
     assert [calls_pow(function) for function in (with_root, with_pow, plain)] == [False, True, True]
 
 

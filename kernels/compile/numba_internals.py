@@ -314,7 +314,7 @@ class _BareFunction(_NamedFunction):
     def for_python(self) -> Jitted:
         left_out = "nopython", *WITHOUT_WRAPPERS
         options = {k: value for k, value in self.targetoptions.items() if k not in left_out}
-        return self.keep(numba.njit(**options)(self.py_func))
+        return self.keep(numba.njit(**options, **WITH_ROOTS)(self.py_func))
 
     def __call__(self, *args: Any, **options: Any) -> Any:
         return self.for_python(*args, **options)
