@@ -14,7 +14,8 @@ from .shapes import cut
 
 _SHAPE = 1.35  # ratio of the width of the axes to their height
 _CORNERS, _FEW_CORNERS = 32, 8  # corners of the outline of a ball in space; of a ball among many
-_MANY = 1000  # balls or discs, which are too small for a dark outline
+_MANY = 1000  # balls or discs, which are too small for a dark outline; faces that are drawn together
+_SIDES = 16  # of a disc among many; their distance from the circle is 2 % of its radius
 _LIGHT = np.array([0.6, -0.64, 0.48])  # direction of the light on faces in space
 _FACE = np.array([0.35, 0.62, 0.9])  # colour of a face perpendicular to the light
 _DARK = 0.2, 0.55  # brightness of a face along the light: of one colour, and of a face whose colour is a value
@@ -141,9 +142,18 @@ class Plane:
 
     def _discs(self, discs: Discs) -> Callable[[int], None]:
         from matplotlib.collections import EllipseCollection
+        from matplotlib.patches import PathPatch
+        from matplotlib.path import Path
 
         radii, start = discs.radii, np.zeros((discs.radii.size, 2))
         outline = {"edgecolor": f"{_OUTLINE}", "linewidth": 0.6} if radii.size < _MANY else {"edgecolor": "none"}
+        if radii.size >= _MANY and discs.tints is None:  # one path is drawn twice as fast as many
+            angle = np.linspace(0, 2 * np.pi, _SIDES + 1)
+            around = radii[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            codes = np.tile([Path.MOVETO] + [Path.LINETO] * _SIDES, radii.size)
+            patch = PathPatch(Path(np.zeros((1, 2))), color=discs.color, alpha=_OPACITY, linewidth=0, zorder=2.5)
+            self.axes.add_patch(patch)
+            return lambda i: patch.set_path(Path((discs.centres[i][:, None] + around).reshape(-1, 2), codes))
         style: dict[str, Any] = {"facecolor": discs.color, "alpha": _OPACITY, **outline}
         shown = EllipseCollection(2 * radii, 2 * radii, 0 * radii, units="xy", offsets=start, zorder=2.5, **style)
         shown.set_offset_transform(self.axes.transData)
@@ -208,6 +218,8 @@ class Space:
 
         if not faces and not discs:
             return []
+        if not discs and len(faces) == 1 and faces[0].corners.shape[1] >= _MANY:
+            return [self._surface(faces[0])]
         is_large = sum(each.radii.size for each in discs) < _MANY
         style = {"linewidth": 0.6 if is_large else 0.1} if discs else {"linewidth": 0, "antialiased": False}
         outlines = [self._outline(each.radii, _CORNERS if is_large else _FEW_CORNERS) for each in discs]
@@ -227,6 +239,13 @@ class Space:
             shown.set_edgecolor(np.concatenate(edges)[is_known])
 
         return [move]
+
+    def _surface(self, faces: Faces) -> Callable[[int], None]:
+        """Add the many faces of a surface, which are drawn together."""
+        from .many_faces import ManyFaces
+
+        shown = ManyFaces(self.axes)
+        return lambda i: shown.move(faces.corners[i], _lit(faces, i))
 
     def _outline(self, radii: np.ndarray, corners: int) -> np.ndarray:
         """Return the outlines of balls around 0, as polygons normal to the line of sight."""
