@@ -123,13 +123,7 @@ class Plane:
     def dots(self, x: np.ndarray, size: float, tints: Tints) -> Callable[[int], None]:
         """Add dots with colours, at places of the shape (frames, dots, 2); return the function that shows a frame."""
         dots = self.axes.scatter(*x[0].T, s=size**2, zorder=3)
-
-        def move(i: int) -> None:
-            dots.set_offsets(x[i])
-            dots.set_facecolor(tints(i))
-            dots.set_edgecolor(tints(i))
-
-        return move
+        return partial(_move, dots, dots.set_offsets, x, tints)
 
     def lines(self, **style: Any) -> Any:
         from matplotlib.collections import LineCollection
@@ -199,13 +193,7 @@ class Space:
     def dots(self, x: np.ndarray, size: float, tints: Tints) -> Callable[[int], None]:
         """Add dots with colours, at places of the shape (frames, dots, 3); return the function that shows a frame."""
         dots = self.axes.scatter(*x[0].T, s=size**2, zorder=3, depthshade=False)
-
-        def move(i: int) -> None:
-            dots._offsets3d = tuple(x[i].T)
-            dots.set_facecolor(tints(i))
-            dots.set_edgecolor(tints(i))
-
-        return move
+        return partial(_move, dots, lambda now: setattr(dots, "_offsets3d", tuple(now.T)), x, tints)
 
     def lines(self, **style: Any) -> Any:
         from mpl_toolkits.mplot3d.art3d import Line3DCollection
