@@ -191,6 +191,12 @@ def made_up(t, u):
     return replace(short_run(), t=t, u=u, v=np.gradient(u, t, axis=0), _accelerations=None)
 
 
+def flying(problem):
+    """Return a run of a scene as if no force acted."""
+    t = np.linspace(*problem.t_span, 701)
+    return made_up(t, problem.u0 + t[:, None] * problem.v0)
+
+
 def refusals(values, types=()):
     """Make a test of calls, each under the words of the ValueError or TypeError that it gets: a sentence."""
     cases = [(ValueError, *row) for row in dict(values).items()] + [(TypeError, *row) for row in dict(types).items()]

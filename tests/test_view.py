@@ -26,7 +26,7 @@ from eig3.scene.mesh import surface
 from eig3.view import coding
 from eig3.view.frames import content
 
-from .conftest import made_up
+from .conftest import flying, made_up
 
 HOSTILE = "</script><script>window.foreign = 1</script><!--<img src=x onerror='window.foreign = 1'>\"&$data"
 
@@ -48,8 +48,8 @@ def gas(shear: float = 0.0) -> tuple[Problem, eig3.Solution]:
     scene = Scene(dimension=3, box=(1.0, 2.0, None), shear=shear)
     balls = scene.mass(1.0, random.random((20, 3)) * [1, 2, 1], random.normal(size=(20, 3)))
     scene.add(HertzContact(10.0, radii=0.05), balls)
-    problem, t = scene.problem((0, 7)), np.linspace(0, 7, 701)
-    return problem, made_up(t, problem.u0 + t[:, None] * problem.v0)
+    problem = scene.problem((0, 7))
+    return problem, flying(problem)
 
 
 @pytest.fixture(scope="module")
@@ -138,8 +138,7 @@ def test_a_film_is_not_larger_for_shapes_that_it_does_not_draw():
     scene.body(1.0, 200.0, (0, 0), velocity=(1.0, 0.0)).point((0.1, 0.0))
     problem = scene.problem((0, 1))
     figure = Figure()
-    t = np.linspace(0, 1, 101)
-    problem.view(figure, Film.of(made_up(t, problem.u0 + t[:, None] * problem.v0)))
+    problem.view(figure, Film.of(flying(problem)))
     (axes,) = figure.axes
     assert np.diff(axes.get_xlim()) < 2
 

@@ -15,7 +15,7 @@ from .shapes import cut
 _SHAPE = 1.35  # ratio of the width of the axes to their height
 _CORNERS, _FEW_CORNERS = 32, 8  # corners of the outline of a ball in space; of a ball among many
 _MANY = 1000  # balls or discs, which are too small for a dark outline; faces that are drawn together
-_SIDES = 16  # of a disc among many; their distance from the circle is 2 % of its radius
+_SIDES = 24  # of a disc among many; their distance from the circle is 1 % of its radius
 _LIGHT = np.array([0.6, -0.64, 0.48])  # direction of the light on faces in space
 _FACE = np.array([0.35, 0.62, 0.9])  # colour of a face perpendicular to the light
 _DARK = 0.2, 0.55  # brightness of a face along the light: of one colour, and of a face whose colour is a value
@@ -206,15 +206,18 @@ class Space:
 
         if not faces and not discs:
             return []
-        if not discs and len(faces) == 1 and faces[0].corners.shape[1] >= _MANY:
-            return [self._surface(faces[0])]
+        self.axes.computed_zorder = False  # a large plane would otherwise cover objects on it
+        if not discs and len(faces) == 1 and faces[0].corners.shape[1] >= _MANY and faces[0].opacity == 1:
+            from .many_faces import ManyFaces
+
+            surface = ManyFaces(self.axes)
+            return [lambda i: surface.move(faces[0].corners[i], _lit(faces[0], i))]
         is_large = sum(each.radii.size for each in discs) < _MANY
         style = {"linewidth": 0.6 if is_large else 0.1} if discs else {"linewidth": 0, "antialiased": False}
         outlines = [self._outline(each.radii, _CORNERS if is_large else _FEW_CORNERS) for each in discs]
         count = max([each.corners.shape[2] for each in faces] + [outline.shape[1] for outline in outlines])
         shown = Poly3DCollection(np.zeros((1, 3, 3)), zorder=1.5, **style)
         self.axes.add_collection3d(shown)
-        self.axes.computed_zorder = False  # a large plane would otherwise cover objects on it
 
         def move(i: int) -> None:
             balls = [each.centres[i][:, None] + outline for each, outline in zip(discs, outlines, strict=True)]
@@ -227,13 +230,6 @@ class Space:
             shown.set_edgecolor(np.concatenate(edges)[is_known])
 
         return [move]
-
-    def _surface(self, faces: Faces) -> Callable[[int], None]:
-        """Add the many faces of a surface, which are drawn together."""
-        from .many_faces import ManyFaces
-
-        shown = ManyFaces(self.axes)
-        return lambda i: shown.move(faces.corners[i], _lit(faces, i))
 
     def _outline(self, radii: np.ndarray, corners: int) -> np.ndarray:
         """Return the outlines of balls around 0, as polygons normal to the line of sight."""
