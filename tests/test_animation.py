@@ -160,19 +160,7 @@ def test_a_scene_of_one_dimension_stands_upright_under_gravity_and_its_string_br
     assert axes.patches[0].get_path().contains_point((0, -0.01))
 
 
-def test_a_scene_in_space_is_drawn_in_space(monkeypatch):
-    drawn = []
-
-    class Kept(art3d.Poly3DCollection):
-        def __init__(self, polygons, **style):
-            super().__init__(polygons, **style)
-            drawn.append(self)
-
-        def set_verts(self, polygons, *options, **named):
-            self.polygons = np.array(polygons)
-            super().set_verts(polygons, *options, **named)
-
-    monkeypatch.setattr(art3d, "Poly3DCollection", Kept)
+def test_a_scene_in_space_is_drawn_in_space():
     scene = Scene(dimension=3)
     post, balls = scene.fixed((0, 0, 1)), scene.mass(1.0, [(0, 0, 0.5), (0.3, 0, 0.5)])
     scene.add(LinearSpring(100.0, 0.4), post, balls[0])
@@ -187,7 +175,8 @@ def test_a_scene_in_space_is_drawn_in_space(monkeypatch):
     figure.canvas.draw()
     (lines,) = [artist for artist in axes.collections if isinstance(artist, art3d.Line3DCollection)]
     assert len(lines.get_segments()) == 1
-    plane, balls = drawn[0].polygons[0], drawn[1].polygons
+    polygons = [part for part in axes.collections if isinstance(part, art3d.Poly3DCollection)]
+    (plane,), balls = (np.asarray(part._faces)[..., :3] for part in polygons)
     centres = film.u[20].reshape(3, 2).T
     np.testing.assert_allclose(balls.mean(axis=1), centres, rtol=0, atol=1e-15)
     np.testing.assert_allclose(np.linalg.norm(balls - centres[:, None], axis=2), 0.1, rtol=1e-12)

@@ -328,7 +328,7 @@ def test_a_film_without_points_has_no_look(tmp_path):
 def test_a_film_and_a_page_take_the_same_look(tmp_path, monkeypatch):
     monkeypatch.setattr(film, "_SECONDS", 0.2)
     problem = tumbling_box(t_end=0.5)
-    solution = problem.integrate(h=1e-3, save_every=10)
+    solution = flying(problem)
     plain = problem.animate(solution, tmp_path / "film.gif").read_bytes()
     look = {"limits": ((-1, 1), (-1, 1), (-1, 2)), "camera": (10, 20, 1.5), "color": "speed"}
     assert problem.animate(solution, tmp_path / "film.gif", **look).read_bytes() != plain
@@ -359,7 +359,7 @@ def test_values_colour_bodies_by_their_number():
     for place in (0, 1):
         scene.body(1.0, (0.1, 0.2, 0.3), (place, 0, 0), angular_velocity=(0, 0, 1.0), shape=("sphere", 0.4))
     problem = scene.problem((0, 1))
-    solution = problem.integrate(h=0.01)
+    solution = flying(problem)
     values = np.tile([1.0, 2.0], (len(solution.t), 1))
     axes, pixels = pixels_of(problem.view, solution, color=values)
     dark, light = (color_at(axes, pixels, place) for place in [(0, 0, 0), (1, 0, 0)])

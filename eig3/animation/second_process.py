@@ -19,7 +19,7 @@ from ..stepping.threads import cores
 #: Returns the pixels of frame i.
 Draw = Callable[[int], np.ndarray]
 
-_LEAST = 3.0  # seconds of drawing that are worth a process
+_LEAST = 4.0  # seconds of drawing that are worth a process
 _START = 1.5  # seconds that it takes to start
 _PROGRAM = "from eig3.animation.second_process import main; main()"
 _NOT_SENT = AttributeError, ImportError, TypeError, pickle.PicklingError  # errors of pickle
