@@ -28,8 +28,8 @@ from numba import types
 from numba.extending import intrinsic
 from numba.types import boolean, float64, int32, int64, intp, none
 
-from .compile.jit import element, function_at, of_library, symbol_of
-from .compile.numba_internals import Strip, address_of_symbol, array_over, jitted_of, parts_of
+from .compile.jit import element, function_at, of_library
+from .compile.numba_internals import Strip, array_over, parts_of
 from .neighbours import floats
 from .protocol import index, vector_type
 
@@ -156,17 +156,6 @@ def areas(typingctx, p, place):  # type: ignore[no-untyped-def]
 
 FUNCTION_OF_SCENE = none(int64, float64, _floats, _floats, _floats)
 _own_at = function_at(FUNCTION_OF_SCENE)
-
-
-@intrinsic
-def own_address(typingctx, own):  # type: ignore[no-untyped-def]
-    """``own_address(own)`` is the address of the function of a scene that `evaluate_own` calls."""
-    symbol = symbol_of(jitted_of(own))
-
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        return address_of_symbol(context, builder, symbol)
-
-    return int64(own), codegen
 
 
 @element

@@ -33,6 +33,7 @@ _PATIENCE = 2**20  # looks at the ticket before a thread sleeps: some millisecon
 BOARD, SELF, WANTED = range(3)
 #: ``share(phase, part, parts, t, u, v, p, a)`` does a part of a job.
 SHARE = none(int64, int64, int64, float64, *[vector_type] * 4)
+share_at = function_at(SHARE)
 _board = Array(int64, 1, "C")
 
 
@@ -69,18 +70,6 @@ def address_of_vector(typingctx, array):  # type: ignore[no-untyped-def]
         )
 
     return int64(array), codegen
-
-
-@intrinsic
-def out_of_line(typingctx):  # type: ignore[no-untyped-def]
-    """``out_of_line()`` keeps the function that calls it out of its callers, so that it rounds in one way for all."""
-
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        builder.function.attributes.discard("alwaysinline")  # of all functions of a scene
-        builder.function.attributes.add("noinline")
-        return context.get_dummy_value()
-
-    return none(), codegen
 
 
 def _cell(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -181,7 +170,7 @@ def serving(board, address):
 
     `address` is the address of the function `share`. Return whether to continue later.
     """
-    share, patience = FUNCTION(address), _PATIENCE  # noqa: F821
+    share, patience = share_at(address), _PATIENCE
     while patience > 0:
         if load(board, LEAVE) == 1:
             return False
@@ -198,7 +187,7 @@ def serving(board, address):
 @functools.cache
 def serve() -> Any:
     """Compile the loop of the other threads, or load it from the disk: it is called as ``serve()(board, address)``."""
-    return compile_kernel(serving, {"FUNCTION": function_at(SHARE)}, boolean(_board, int64), "team")
+    return compile_kernel(serving, {}, boolean(_board, int64), "team")
 
 
 def new_board(threads: int) -> np.ndarray:

@@ -172,7 +172,7 @@ def test_points_in_no_order_are_sorted_by_their_places(make, monkeypatch):
     given = make().problem((0.0, 0.5), threads=2)
     monkeypatch.setattr(pair_force, "_JUMP", 3.0)
     sorted_ = [make().problem((0.0, 0.5), threads=threads) for threads in (1, 2)]
-    (place,) = re.findall(r"index\((\d+)\)\n    add_forces\(share, lists, 0,", inspect.getsource(given.rhs.py_func))
+    (place,) = re.findall(r"int64\((\d+)\)\n    add_forces\(share, lists, 0,", inspect.getsource(given.rhs.py_func))
     for problem, is_sorted in ((given, False), (sorted_[0], True)):
         areas = neighbours.Areas(*problem.params[int(place) + neighbours.HEAD :][:15].astype(int))
         numbers = problem.params[areas.number :].view(np.int32)[:150]
@@ -215,7 +215,7 @@ def test_springs_of_a_part_without_room_are_written_in_turn(monkeypatch):
         with team.team(problem.rhs.py_func.shares, stepper.params, 100):
             stepper.advance(100)
         source = inspect.getsource(problem.rhs.py_func.history.advance.py_func)
-        springs = int(re.search(r"springs = index\(\d+\), index\((\d+)\)", source)[1])
+        springs = int(re.search(r"springs = int64\(\d+\), int64\((\d+)\)", source)[1])
         assert stepper.params[springs + kernel.IS_FULL] == (threads > 1)
         runs.append(np.concatenate([stepper.u, stepper.v]))
     np.testing.assert_array_equal(runs[0], runs[1])

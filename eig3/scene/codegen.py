@@ -25,14 +25,14 @@ from ..functions.callbacks import jit
 from ..functions.companions import Constraints, History
 from ..functions.events import Event
 from ..functions.families import Family
-from ..kernels.compile.jit import with_symbol
+from ..kernels import team
+from ..kernels.compile.jit import code_address, with_symbol
 from ..kernels.compile.source import define
 from ..kernels.constraint_lanes import UnrolledConstraints
 from ..kernels.constraints import FUNCTION_OF_SCENE
 from ..kernels.neighbours import bounds, memory
 from ..kernels.protocol import index
 from ..kernels.shared_forces import OWN, add_forces, advance_springs, set_forces
-from ..kernels.team import out_of_line
 from ..stepping.team import Shares
 from .assembly import STATE, Assembly
 from .bodies_text import BodiesText
@@ -109,9 +109,11 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
 @functools.lru_cache(maxsize=256)
 def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
     known = {"__name__": __name__, "sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index, "jit": jit}
+    known["int64"] = np.int64  # of literals, for each of which Numba would compile a function once more
     functions = define(text, "scene", {**known, **dict(names)})
-    if "own" in functions:
-        with_symbol(functions["own"], FUNCTION_OF_SCENE)
+    for name, signature in (("own", FUNCTION_OF_SCENE), ("share", team.SHARE)):
+        if name in functions:
+            with_symbol(functions[name], signature)
     return functions
 
 
@@ -157,8 +159,9 @@ class _Functions(Text):
             source.team = source.add(np.array([0, 0, threads]))
             source.functions |= {"set_forces": set_forces, "add_forces": add_forces}
             source.functions |= {"advance_springs": advance_springs, "memory": memory}
-            source.functions |= {"bounds": bounds, "out_of_line": out_of_line}
         self._has_stages = source.team is not None or bool(self.grains)
+        if self._has_stages:
+            source.functions |= {"bounds": bounds, "share_at": team.share_at, "code_address": code_address}
         self._suffix = self._bodies_text.suffix
         self._rhs_name = f"forces{self._suffix}" if assembly.constraints else "rhs"
         self._own_masses = assembly.own
@@ -186,7 +189,6 @@ class _Functions(Text):
             self._supports.functions()
         if self._has_stages:
             with self._function("share(stage, part, parts, t, u, v, p, a)", self._moving):
-                self._line("out_of_line()")
                 self._source.is_of_part = True
                 if self._shares_cells:
                     with self._block(f"if stage == {OWN}"):
@@ -266,7 +268,6 @@ class _Functions(Text):
     def history(self) -> None:
         """Write the functions of the springs between grains."""
         with self._function("advance(t, u, v, p)"):
-            self._line("out_of_line()")  # compiled once, although it has two callers
             for text in self.grains:
                 text.advance()
             self._line("return 0.0")
@@ -314,7 +315,7 @@ class _Functions(Text):
         """Set the accelerations of the masses of a part. A force on masses of two parts is computed in both."""
         begin = len(self._source.lines)
         on_all, others = self._by_extent()
-        self._line(f"low, end = bounds({self._n}, part, parts)")
+        self._line(f"low, end = bounds(int64({self._n}), part, parts)")
         for masses in on_all:
             masses.constants(*masses.FORCES)
         with self._block("for i in range(low, end)"):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..kernels import constraints, neighbours
+from ..kernels.compile.jit import code_address
 from .assembly import Assembly
 from .constraint import TINY, Constraint
 from .source import Source, Symbols
@@ -37,9 +38,10 @@ class ConstraintText(Text):
         self._order = source.add(np.argsort(packed.order))
         self.unrolled = UnrolledText(system.table, packed, self.place) if is_few(assembly) else None
         used = ["areas", "STAND", "CONSTRAIN", "REACT", "PROJECT", "CONSTRAINED_STEP", "strike"]
-        used += ["own_address", "PLACE", "sum_up"] * bool(self._laws)
+        used += ["PLACE", "sum_up"] * bool(self._laws)
         source.functions |= {"memory": neighbours.memory, "hold": constraints.LIBRARY[system.table.dimension]}
         source.functions |= {name: getattr(constraints, name) for name in used}
+        source.functions["code_address"] = code_address
         if self.unrolled:
             source.functions |= {"batch": neighbours.batch, "nan": math.nan, "inf": math.inf}
 
@@ -90,7 +92,7 @@ class ConstraintText(Text):
 
     def _hold(self, task: str, arrays: str, number: str = "0.0") -> str:
         """The call of the kernel function that does a task with the constraints."""
-        own = "own_address(own)" if self._laws else "0"
+        own = "code_address(own)" if self._laws else "0"
         return f"hold({task}, {own}, t, {number}, {arrays}, memory(p), {self.place})"
 
     def _own_rows(

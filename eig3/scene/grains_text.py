@@ -11,9 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..kernels import grains, neighbours
+from ..kernels import grains
 from ..kernels.shared_forces import ACTING, ADVANCING
-from ..kernels.team import out_of_line
 from .assembly import Assembly
 from .pair_force import PairForce
 from .pair_force_text import PairForceText
@@ -52,7 +51,7 @@ class GrainsText(PairForceText):
         self._table = grains.Table.of(self.listing.masses, self._room)
         self._springs_at = source.add(np.zeros(grains.HEAD + 2 * self._table.size))
         self._has_groups = pair_force.second.size > 0
-        source.functions |= {**grains.FUNCTIONS, "bounds": neighbours.bounds, "out_of_line": out_of_line}
+        source.functions |= grains.FUNCTIONS
 
     def forces(self) -> None:
         if self._source.team is not None:
@@ -62,9 +61,10 @@ class GrainsText(PairForceText):
 
     def _alone(self, stage: int, a: str) -> None:
         """Do a stage in one thread, in the function that threads would share."""
-        self._line(f"kept, place = memory(p), index({self.listing.place})")
+        self._line(f"kept, place = memory(p), int64({self.listing.place})")
         self._line(f"lists(REFRESH, {self._time}, memory(u), kept, place, place, place)")
-        self._line(f"share(index({stage}), index(0), index(1), t, memory(u), memory(v), kept, memory({a}))")
+        given = f"{stage}, 0, 1, t, memory(u), memory(v), kept, memory({a})"
+        self._line(f"share_at(code_address(share))({given})")
 
     def _acting(self) -> None:
         """Add the forces and torques on the points of a part, or write their springs to the next table.
@@ -77,7 +77,7 @@ class GrainsText(PairForceText):
             self._springs()
             size, which = self._table.size, f"kept[{self._springs_at + grains.TABLE}]"
             self._views_of("next", f"index({self._springs_at + grains.HEAD + size} - {size} * {which})")
-            self._line(f"held_count, held_end = room_of(kept, springs, {self._room}, part, parts)")
+            self._line(f"held_count, held_end = room_of(kept, springs, int64({self._room}), part, parts)")
             with self._block("if writes"), self._block("for k in range(low, end)"):
                 self._line("next_firsts[k] = next_ends[k] = 0")
             self._part("parts == 1 or writes")
@@ -125,15 +125,15 @@ class GrainsText(PairForceText):
 
     def begin(self) -> None:
         """Clear all springs."""
-        self._line(f"kept, springs = memory(p), index({self._springs_at})")
-        self._views_of("held", f"index({self._springs_at + grains.HEAD})")
+        self._line(f"kept, springs = memory(p), int64({self._springs_at})")
+        self._views_of("held", f"int64({self._springs_at + grains.HEAD})")
         with self._block(f"for k in range({self.listing.masses})"):
             self._line("held_firsts[k] = held_ends[k] = 0")
         self._line(f"kept[springs], kept[{self._springs_at + grains.TABLE}] = t, 0.0")
 
     def advance(self) -> None:
         """Write the springs in a state to the other table, and switch the tables."""
-        self._line(f"place, springs = index({self.listing.place}), index({self._springs_at})")
+        self._line(f"place, springs = int64({self.listing.place}), int64({self._springs_at})")
         if self._source.team is None:
             self._line("write_in_turn(memory(p), springs)")
             self._alone(self._first + ADVANCING, "u")
@@ -147,7 +147,7 @@ class GrainsText(PairForceText):
         for name in ("friction", "wall_radius"):
             if name in self._law.columns:
                 self._line(f"{name} = {self._law.columns[name].of('')}")
-        self._line(f"springs = index({self._springs_at})", "since = t - kept[springs]")
+        self._line(f"springs = int64({self._springs_at})", "since = t - kept[springs]")
         size, which = self._table.size, f"kept[{self._springs_at + grains.TABLE}]"
         self._views_of("held", f"index({self._springs_at + grains.HEAD} + {size} * {which})")
 

@@ -23,7 +23,7 @@ class LatticeSumText(PairForceText):
 
     def forces(self) -> None:
         super().forces()
-        self._line(f"sum_of_waves(kept, index({self._waves}))")
+        self._line(f"sum_of_waves(kept, int64({self._waves}))")
         with self._block(f"for point in range({self.listing.masses})"):
             self._line(f"i = {self._mass('point')}")
             for k, axis in enumerate(self._axes):
@@ -32,4 +32,4 @@ class LatticeSumText(PairForceText):
 
     def potential(self) -> None:
         super().potential()
-        self._line(f"total += sum_of_waves(kept, index({self._waves}))")
+        self._line(f"total += sum_of_waves(kept, int64({self._waves}))")

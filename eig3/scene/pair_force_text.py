@@ -60,7 +60,7 @@ class PairForceText(BlockText):
             self._refreshed(*self._functions)
             self._act(lambda: self._on_both("", self._if_mass))
             return
-        self._line(f"kept, place = memory(p), index({self.listing.place})")
+        self._line(f"kept, place = memory(p), int64({self.listing.place})")
         velocity = "v" if self._reads_rate else "u"  # a rhs that names v counts as reading it
         given = f"t, memory(u), memory({velocity}), kept, memory(a), place"
         self._line(f"add_forces(share, lists, {self._number}, {given}, {self._source.team})")
@@ -69,7 +69,7 @@ class PairForceText(BlockText):
         """Do a part of a stage that threads share: the lists of points, or the forces on the points."""
         for stage, task in ((SCANNING, "SCAN"), (BUILDING, "BUILD")) if self._source.team is not None else ():
             with self._block(f"if stage == {self._first + stage}"):
-                self._line(f"lists({task}, {self._time}, u, p, index({self.listing.place}), part, parts)")
+                self._line(f"lists({task}, {self._time}, u, p, int64({self.listing.place}), part, parts)")
         self._acting()
 
     def _acting(self) -> None:
@@ -80,8 +80,8 @@ class PairForceText(BlockText):
 
     def _of_part(self) -> None:
         """Read the place of the list and the points of the part."""
-        self._line(f"kept, place = p, index({self.listing.place})")
-        self._line(f"low, end = bounds({self.listing.masses}, part, parts)")
+        self._line(f"kept, place = p, int64({self.listing.place})")
+        self._line(f"low, end = bounds(int64({self.listing.masses}), part, parts)")
         self._views(*self._functions)
 
     def _part(self, only_up: str) -> None:
@@ -92,7 +92,7 @@ class PairForceText(BlockText):
         """
         listing = self.listing
         self._line(f"firsts = integers(kept, {listing.areas.first}, {listing.masses})")
-        self._line(f"end_of_list = bounds({listing.room}, part, parts)[1]")
+        self._line(f"end_of_list = bounds(int64({listing.room}), part, parts)[1]")
         where = f"({_ALL_ABOVE}) if goes_up else (firsts[stop - 1], end_of_list)"
         if self._is_dense:
             before = "(firsts[point], firsts[point - 1] if point > low else end_of_list)"
@@ -168,7 +168,7 @@ class PairForceText(BlockText):
 
     def _refreshed(self, *functions: str) -> None:
         """Refresh the list, and read the values that all pairs share."""
-        self._line(f"kept, place = memory(p), index({self.listing.place})")
+        self._line(f"kept, place = memory(p), int64({self.listing.place})")
         self._line(f"lists(REFRESH, {self._time}, memory(u), kept, place, place, place)")
         self._views(*functions)
 
@@ -203,7 +203,7 @@ class PairForceText(BlockText):
         `where` gives the places of the pairs in the list. If the pairs exceed the capacity of the list, it has the
         pairs of a few points at a time.
         """
-        low, end = ("low", "end") if self._source.is_of_part else ("0", str(self.listing.masses))
+        low, end = ("low", "end") if self._source.is_of_part else ("int64(0)", f"int64({self.listing.masses})")
         self._line(f"stop = index({low})")
         with self._block(f"while stop < {end}"):
             self._line(f"begin, stop = stop, index(lists(REACH, 0.0, kept, kept, place, stop, index({end})))")
@@ -225,7 +225,7 @@ class PairForceText(BlockText):
         kept |= {"near_points": "point"} if has_points else {}
         self._line(f"low_pair, high_pair = {where}")
         with self._block(f"for low_of_batch in range(low_pair, high_pair, {BATCH})"):
-            self._line("near = index(0)")
+            self._line("near = int64(0)")
             with self._block(f"for e in range(low_of_batch, min(low_of_batch + {BATCH}, high_pair))"):
                 self._pair()
                 self._line(*(f"{batch}[near] = {value}" for batch, value in kept.items()))

@@ -32,6 +32,7 @@ from .numba_internals import (
     compile_for,
     compile_results,
     define_symbol,
+    jitted_of,
     linked_jit,
     return_type,
 )
@@ -190,6 +191,17 @@ def with_symbol(function: Any, signature: Any) -> Any:
 def symbol_of(function: Any) -> str:
     """Return the symbol of the address of a function that `of_library` or `with_symbol` has returned."""
     return function.py_func.made()[0]
+
+
+@intrinsic
+def code_address(typingctx, function):  # type: ignore[no-untyped-def]
+    """``code_address(function)`` is the address of a function of a scene that `with_symbol` has returned."""
+    symbol = symbol_of(jitted_of(function))
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        return address_of_symbol(context, builder, symbol)
+
+    return numba.int64(function), codegen
 
 
 def _address_of(made: Callable, name: str) -> Any:
