@@ -224,8 +224,9 @@ def end(lane, span, of, y, block, trajectories, seen):
     for d in range(N):
         trajectories.u[m, d], trajectories.v[m, d] = y[U][d * LANES + lane], y[V][d * LANES + lane]
         is_left = is_left or not (abs(trajectories.u[m, d]) < OVERFLOWING and abs(trajectories.v[m, d]) < OVERFLOWING)
-    trajectories.counts[m, TAKEN], trajectories.counts[m, REJECTED] = int(taken[lane]), int(trials[lane] - taken[lane])
-    trajectories.counts[m, EVALUATED] += COST * int(trials[lane])
+    steps, tried = int64(taken[lane]), int64(trials[lane])
+    trajectories.counts[m, TAKEN], trajectories.counts[m, REJECTED] = steps, tried - steps
+    trajectories.counts[m, EVALUATED] += COST * tried
     trajectories.counts[m, ENDED] = LEFT if is_left else (TERMINATED if is_stopped else REACHED)
     if OBSERVES:
         END_OBSERVING(lane, m, of.before[lane], time[lane], seen)
@@ -256,7 +257,7 @@ def begin_lane(lane, alone, span, of, y, block, trajectories, seen):
     BEGIN(alone, address_of(mine), counters, ORDER, one)
     of.time[lane], of.h[lane], of.before[lane], of.error[lane] = span.t0, counters[STEP], counters[STEP_BEFORE], 1.0
     of.u_size[lane], of.v_size[lane], of.rejected[lane] = counters[U_SIZE], counters[V_SIZE], 0.0
-    trajectories.counts[m, EVALUATED] = 1 + int(counters[EVALUATIONS])
+    trajectories.counts[m, EVALUATED] = 1 + int64(counters[EVALUATIONS])
     if len(block.p) > len(own):  # each lane has its own parameters
         for k in range(len(own)):
             block.p[k * LANES + lane] = own[k]

@@ -194,7 +194,7 @@ def product(x, first, y, second, d):
 @element
 def evaluate(own, t, u, p, place, c, n, rows, d):
     """Write phi, and what the gradients need; return the largest |phi|, or infinity if one is NaN."""
-    sum_up(u, c, n, int(p[place + SUMS]), True, c.arms, d)
+    sum_up(u, c, n, int64(p[place + SUMS]), True, c.arms, d)
     evaluate_own(own, PLACE, t, u, u, p)
     worst = 0.0
     for k in range(rows):
@@ -293,7 +293,7 @@ def stand(own, t, u, p, place, c, n, rows, d):
     if is_known:
         return True
     evaluate(own, t, u, p, place, c, n, rows, d)
-    incline(c, int(p[place + ENTRIES]), d)
+    incline(c, int64(p[place + ENTRIES]), d)
     success = factorise(c, rows, d)
     for j in range(d * n):
         c.factored[j] = u[j]
@@ -304,7 +304,7 @@ def stand(own, t, u, p, place, c, n, rows, d):
 @element
 def speeds(own, t, u, v, p, place, c, n, rows, d):
     """Write the rates of the arms and of the targets, and into the values phi'' without the accelerations."""
-    sum_up(v, c, n, int(p[place + SUMS]), False, c.rates, d)
+    sum_up(v, c, n, int64(p[place + SUMS]), False, c.rates, d)
     evaluate_own(own, SPEED, t, u, v, p)
     for k in range(rows):
         if c.scales[k] != 0:
@@ -366,7 +366,7 @@ def strike(success, v, free, p, place, d):
     So a coefficient of restitution, and the sum of the energies of two points that meet, are what they were. `free` is
     x . M x, where points that bodies carry may take part; it is computed here if it is negative.
     """
-    c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
+    c, n, rows = areas(p, place), int64(p[place + MASSES]), int64(p[place + ROWS])
     for j in range(d * n):
         c.ways[j] = v[j] - c.before[j]
     for k in range(rows):
@@ -397,7 +397,7 @@ def hold(task, own, t, h, u, v, x, p, place, d):
     - CONSTRAINED_STEP takes a step of EIG-3, from the accelerations in `forces` without reactions. Here x is the drift
       (u_n - u_{n-1}) / h. The entries of u after the coordinates are without constraints.
     """
-    c, n, rows = areas(p, place), int(p[place + MASSES]), int(p[place + ROWS])
+    c, n, rows = areas(p, place), int64(p[place + MASSES]), int64(p[place + ROWS])
     success = stand(own, t, u, p, place, c, n, rows, d)
     if task <= REACT:
         if task != STAND:

@@ -40,7 +40,7 @@ def block(
 @of_library(float64(vector_type, int64))
 def sum_of_waves(p, place):
     """Return the energy of all waves, and write the forces on the points: x, y and z of each."""
-    count, size = int(p[place + POINTS]), _OF_WAVE * int(p[place + WAVES])
+    count, size = int64(p[place + POINTS]), _OF_WAVE * int64(p[place + WAVES])
     forces, table = floats(p, place + FORCES, 3 * count), floats(p, place + FORCES + 3 * count, size)
     turns = place + FORCES + 3 * count + size
     ones, others, energy = batch(), batch(), 0.0
@@ -67,11 +67,11 @@ def sum_of_waves(p, place):
 @element
 def _turn(p, place, turns, begin):
     """Write cos and sin of the multiples of the longest waves at some points; along x times the charges."""
-    some = min(BATCH, int(p[place + POINTS]) - begin)
-    x = floats(p, int(p[place + X]) + 3 * begin, 3 * some)
-    q = floats(p, int(p[place + CHARGES]) + begin, some)
+    some = min(BATCH, int64(p[place + POINTS]) - begin)
+    x = floats(p, int64(p[place + X]) + 3 * begin, 3 * some)
+    q = floats(p, int64(p[place + CHARGES]) + begin, some)
     for axis in range(3):
-        count = int(p[place + MOST + axis]) + 1
+        count = int64(p[place + MOST + axis]) + 1
         rows = floats(p, turns, 2 * BATCH * count)
         for e in range(some):
             sine, cosine = sincos(p[place + LONGEST + axis] * x[3 * e + axis])
@@ -87,11 +87,11 @@ def _turn(p, place, turns, begin):
 def _on_points(p, place, turns, w, some, ones, others):
     """Write the parts of q exp(i k x) at some points for a wave."""
     rows = turns
-    xs = floats(p, rows + 2 * BATCH * int(w[0]), 2 * BATCH)
-    rows += 2 * BATCH * (int(p[place + MOST]) + 1)
-    ys = floats(p, rows + 2 * BATCH * int(abs(w[1])), 2 * BATCH)
-    rows += 2 * BATCH * (int(p[place + MOST + 1]) + 1)
-    zs = floats(p, rows + 2 * BATCH * int(abs(w[2])), 2 * BATCH)
+    xs = floats(p, rows + 2 * BATCH * int64(w[0]), 2 * BATCH)
+    rows += 2 * BATCH * (int64(p[place + MOST]) + 1)
+    ys = floats(p, rows + 2 * BATCH * int64(abs(w[1])), 2 * BATCH)
+    rows += 2 * BATCH * (int64(p[place + MOST + 1]) + 1)
+    zs = floats(p, rows + 2 * BATCH * int64(abs(w[2])), 2 * BATCH)
     sign_y, sign_z = np.sign(w[1]), np.sign(w[2])
     for e in range(some):
         sy, sz = sign_y * ys[BATCH + e], sign_z * zs[BATCH + e]

@@ -187,7 +187,7 @@ def begin_extremes(follow, t0, start):
 def plan_next(lane, taken, every, seen, times):
     """Note when a lane is observed next, after a number of steps."""
     counters, at_each = seen.counters[lane], seen.observation.at_each
-    following = int(counters[NEXT])
+    following = int64(counters[NEXT])
     seen.due[lane] = times[following] if following < len(times) else math.inf
     due = 0.0 if at_each == 1 else next_due(counters, at_each)
     seen.due_steps[lane] = min(due, float(taken - taken % every + every) if every > 0 else math.inf)
@@ -203,7 +203,7 @@ def observe_lane(lane, alone, span, own, of, block, seen):
     for k in range(ROWS):
         for d in range(N):
             one[k, d] = s[(k * N + d) * LANES + lane]
-    t, step, t_end, taken = of.there[lane], of.step[lane], of.time[lane], int(of.taken[lane])
+    t, step, t_end, taken = of.there[lane], of.step[lane], of.time[lane], int64(of.taken[lane])
     occurrence, row = seen.written[OCCURRENCES], seen.written[STATES]
     counters[LOGGED], counters[EVALUATIONS] = occurrence, 0.0
     limits = span.h_max, span.rtol, span.atol, span.is_relative, span.may_shorten, span.reads_time
@@ -216,12 +216,12 @@ def observe_lane(lane, alone, span, own, of, block, seen):
     outcome, last_row, part, t_stop = OBSERVE_AT(parts.observe)(address_of(observed), taken, row, t, step, t_end)
     if outcome != PASSED and outcome != RESET and outcome != TERMINAL:
         of.bad[lane] = BAD
-        return int(counters[EVALUATIONS])
+        return int64(counters[EVALUATIONS])
     for k in range(row, last_row):
         seen.of_states[k] = m
-    for k in range(occurrence, int(counters[LOGGED])):
+    for k in range(occurrence, int64(counters[LOGGED])):
         seen.of_occurrences[k] = m
-    seen.written[OCCURRENCES], seen.written[STATES] = int(counters[LOGGED]), last_row
+    seen.written[OCCURRENCES], seen.written[STATES] = int64(counters[LOGGED]), last_row
     for k in range(len(watch.events)):
         seen.sides[k, lane] = counters[EVENTS + EVENT_VALUES * k + SIDE]
     if outcome == TERMINAL:
@@ -230,7 +230,7 @@ def observe_lane(lane, alone, span, own, of, block, seen):
         of.bad[lane] = STOPPED
     plan_next(lane, taken, span.every, seen, watch.times)
     if outcome == PASSED:
-        return int(counters[EVALUATIONS])
+        return int64(counters[EVALUATIONS])
     for d in range(N):
         s[(U_END * N + d) * LANES + lane], s[(V_END * N + d) * LANES + lane] = one[U, d], one[V, d]
         for k in (A, A_END):  # so that a multistep method has no acceleration before
@@ -238,7 +238,7 @@ def observe_lane(lane, alone, span, own, of, block, seen):
     of.time[lane], of.before[lane], of.error[lane] = t_stop, part * step, 0.0
     if outcome == RESET:
         of.h[lane] = min(of.h[lane], LATER * counters[GAP])
-    return int(counters[EVALUATIONS])
+    return int64(counters[EVALUATIONS])
 
 
 @outlined
@@ -250,11 +250,11 @@ def finish_times(m, t0, t_stop, step, occurrence, counters, watch):
     near = NEAR * EPSILON * max(abs(t0), abs(t_stop))
     while watch.log[occurrence, 1] < t_stop - near:  # an event without a reset, earlier in the step
         occurrence += 1
-    n, k = watch.u_rows.shape[1], int(counters[NEXT])
+    n, k = watch.u_rows.shape[1], int64(counters[NEXT])
     while k > 0 and watch.times[k - 1] >= t_stop:
         k -= 1
     while k < len(watch.times) and watch.times[k] < t_stop + near:
-        row = int(counters[FIRST_ROW]) + k
+        row = int64(counters[FIRST_ROW]) + k
         for d in range(n):
             watch.u_rows[row, d], watch.v_rows[row, d] = watch.log[occurrence, 2 + d], watch.log[occurrence, 2 + n + d]
         watch.h_rows[row] = step

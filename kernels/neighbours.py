@@ -172,7 +172,7 @@ def batch(typingctx):  # type: ignore[no-untyped-def]
 @element
 def area(p, place, k):
     """Return the place of an area."""
-    return int(p[place + HEAD + k])
+    return int64(p[place + HEAD + k])
 
 
 @intrinsic
@@ -194,14 +194,14 @@ def memory(typingctx, array):  # type: ignore[no-untyped-def]
 @element
 def refresh(t, u, p, place, d):
     """Copy the positions of the masses, and build the list anew if it may miss a pair."""
-    parts = int(p[place + WANTED])
+    parts = int64(p[place + WANTED])
     for part in range(parts):
         scan(t, u, p, place, part, parts, d)
     if is_valid(t, p, place, parts):
         return
     begin(t, p, place, parts, d)
     while True:
-        parts = int(p[place + PARTS])
+        parts = int64(p[place + PARTS])
         for part in range(parts):
             build(p, place, part, parts, d)
         if is_built(p, place, d):
@@ -224,13 +224,13 @@ def scan(t, u, p, place, part, parts, d):
         raise ValueError(
             "params must be the parameters of the scene in double precision: its neighbor lists are among them."
         )
-    count, stride = int(p[place + POINTS]), int(p[place + STRIDE])
+    count, stride = int64(p[place + POINTS]), int64(p[place + STRIDE])
     x, built = floats(p, area(p, place, X), d * count), floats(p, area(p, place, BUILT), d * count)
     index = integers(p, area(p, place, NUMBER), count)
     worst, strain = 0.0, p[place + SHEAR] * (t - p[place + BUILT_AT])
-    start, end = bounds(int(p[place + MASSES]), part, parts)
+    start, end = bounds(int64(p[place + MASSES]), part, parts)
     for i in range(start, end):
-        at, square = int(index[i]), 0.0
+        at, square = int64(index[i]), 0.0
         for k in range(d):
             now = u[k * stride + at]
             way = now - built[d * i + k]
@@ -257,7 +257,7 @@ def is_valid(t, p, place, parts):
 @element
 def begin(t, p, place, parts, d):
     """Prepare a new list, with the skin that is tried first. Its pairs are then found part by part."""
-    count, head = int(p[place + POINTS]), floats(p, place, HEAD)
+    count, head = int64(p[place + POINTS]), floats(p, place, HEAD)
     x, built = floats(p, area(p, place, X), d * count), floats(p, area(p, place, BUILT), d * count)
     head[BUILT_AT] = t
     head[TILT] = nearest(head[SHEAR] * head[BOX + 1] * t, head[BOX])
@@ -271,7 +271,7 @@ def begin(t, p, place, parts, d):
 @element
 def first_skin(p, place):
     """Return the skin to be tried first: the skin of the list, unless it had no room for the last pairs with a skin."""
-    masses = int(p[place + MASSES])
+    masses = int64(p[place + MASSES])
     if p[place + PRESENT_SKIN] > 0:
         return p[place + SKIN]
     if p[place + LISTED] < masses:
@@ -286,9 +286,9 @@ def is_built(p, place, d):
 
     One part alone has more room than several parts, one of which is full, and a smaller skin has fewer pairs.
     """
-    parts, is_whole, head = int(p[place + PARTS]), True, floats(p, place, HEAD)
+    parts, is_whole, head = int64(p[place + PARTS]), True, floats(p, place, HEAD)
     for part in range(parts):
-        is_whole &= head[_REACHED + part] == bounds(int(head[MASSES]), part, parts)[1]
+        is_whole &= head[_REACHED + part] == bounds(int64(head[MASSES]), part, parts)[1]
     head[LISTED] = head[MASSES] if is_whole else head[_REACHED] if parts == 1 else 0.0
     if is_whole or (parts == 1 and head[PRESENT_SKIN] == 0):
         return True
@@ -297,7 +297,7 @@ def is_built(p, place, d):
     else:
         skin = head[PRESENT_SKIN] / 2 if head[PRESENT_SKIN] > head[SKIN] / 4 else 0.0
         head[PRESENT_SKIN] = skin
-        count = int(head[POINTS])
+        count = int64(head[POINTS])
         sort_by_cells(floats(p, area(p, place, X), d * count), p, place, head[CUTOFF] + skin, d)
     return False
 
@@ -310,15 +310,15 @@ def listed(p, place, start, end, d):
     follow: then it has one part, for which there is no room at once.
     """
     if start == 0 or p[place + LISTED] == p[place + MASSES]:
-        return min(end, int(p[place + LISTED]))
-    return pairs_of(p, place, start, end, np.int64(0), np.int64(0), int(p[place + ROOM]), d)
+        return min(end, int64(p[place + LISTED]))
+    return pairs_of(p, place, start, end, np.int64(0), np.int64(0), int64(p[place + ROOM]), d)
 
 
 @element
 def build(p, place, part, parts, d):
     """Write the pairs of the points of a part to the list."""
-    start, end = bounds(int(p[place + MASSES]), part, parts)
-    low, high = bounds(int(p[place + ROOM]), part, parts)
+    start, end = bounds(int64(p[place + MASSES]), part, parts)
+    low, high = bounds(int64(p[place + ROOM]), part, parts)
     floats(p, place + _REACHED, MOST_PARTS)[part] = pairs_of(p, place, start, end, start, low, high, d)
 
 
@@ -329,23 +329,23 @@ def pairs_of(p, place, start, end, lowest, low, high, d):
     These are pairs with points of larger numbers, from the place `low` of the list on, and with points of numbers below
     `lowest`, up to the place `high`. Return the number of the first point for whose pairs there is no room.
     """
-    count, masses, room = int(p[place + POINTS]), int(p[place + MASSES]), int(p[place + ROOM])
+    count, masses, room = int64(p[place + POINTS]), int64(p[place + MASSES]), int64(p[place + ROOM])
     x, skin = floats(p, area(p, place, X), d * count), p[place + PRESENT_SKIN]
     first, above = integers(p, area(p, place, FIRST), masses), integers(p, area(p, place, ABOVE), masses)
     stop, mates = integers(p, area(p, place, STOP), masses), integers(p, area(p, place, MATES), room)
     owners = integers(p, area(p, place, OWNERS), room)
     group, has_groups = integers(p, area(p, place, GROUP), count), p[place + HAS_GROUPS] == 1
     apart = integers(p, area(p, place, APART), count + 1)
-    apart_mates = integers(p, area(p, place, APART_MATES), int(apart[count]))
+    apart_mates = integers(p, area(p, place, APART_MATES), int64(apart[count]))
     order, bucket = integers(p, area(p, place, ORDER), count), integers(p, area(p, place, BUCKET), count)
     ordered = area(p, place, SORTED)
     above_x, above_y = ordered + count, ordered + 2 * count
-    starts, mask = integers(p, area(p, place, START), int(p[place + BUCKETS]) + 1), int(p[place + BUCKETS]) - 1
-    own, widest = int(p[place + OWN_CUTOFFS]), p[place + CUTOFF]
+    starts, mask = integers(p, area(p, place, START), int64(p[place + BUCKETS]) + 1), int64(p[place + BUCKETS]) - 1
+    own, widest = int64(p[place + OWN_CUTOFFS]), p[place + CUTOFF]
     # what is read here need not be read again in the loops, in which the list is written
     side_x, side_y, side_z, tilt = p[place + BOX], p[place + BOX + 1], p[place + BOX + 2], p[place + TILT]
     inverse_x, inverse_y, inverse_z = inverse(side_x), inverse(side_y), inverse(side_z)
-    nx, ny, nz = int(p[place + _NUMBERS]), int(p[place + _NUMBERS + 1]), int(p[place + _NUMBERS + 2])
+    nx, ny, nz = int64(p[place + _NUMBERS]), int64(p[place + _NUMBERS + 1]), int64(p[place + _NUMBERS + 2])
     low_x, high_x = around(nx)
     low_y, high_y = around(ny)
     low_z, high_z = around(nz)
@@ -363,7 +363,7 @@ def pairs_of(p, place, start, end, lowest, low, high, d):
         x_here, y_here, z_here = x[d * i], x[d * i + 1] if d > 1 else 0.0, x[d * i + 2] if d > 2 else 0.0
         for oz in range(low_z, high_z):
             for oy in range(low_y, high_y):
-                row = int(across) * within(cy + oy, ny) + int(over) * within(cz + oz, nz)
+                row = int64(across) * within(cy + oy, ny) + int64(over) * within(cz + oz, nz)
                 c = (row + cx) & mask
                 in_row = 0 < c < mask and (nx == 0 or 0 < cx < nx - 1)  # three buckets follow each other
                 for ox in range(0 if in_row else low_x, 1 if in_row else high_x):
@@ -390,7 +390,7 @@ def pairs_of(p, place, start, end, lowest, low, high, d):
                             which[near], j = e, numbers[e]
                             near += (squares[e] < furthest) & ((j < lowest) | (j > i))
                         for q in range(near):
-                            j = int(numbers[which[q]])
+                            j = int64(numbers[which[q]])
                             if has_groups and group[i] == group[j]:
                                 continue
                             if own > 0 and squares[which[q]] >= ((1 + _ULPS) * (skin + p[own + i] + p[own + j])) ** 2:
@@ -478,7 +478,7 @@ def sort(values, begin, end):
 @outlined
 def sort_by_cells(x, p, place, size, d):
     """Sort the points by the buckets of their cells, which are at least as long as `size`."""
-    count, buckets = int(p[place + POINTS]), int(p[place + BUCKETS])
+    count, buckets = int64(p[place + POINTS]), int64(p[place + BUCKETS])
     order, bucket = integers(p, area(p, place, ORDER), count), integers(p, area(p, place, BUCKET), count)
     start = integers(p, area(p, place, START), buckets + 1)
     ordered = floats(p, area(p, place, SORTED), d * count)
@@ -492,7 +492,7 @@ def sort_by_cells(x, p, place, size, d):
         for k in range(d):
             sum_of_all += abs(x[d * i + k])
         if sum_of_all < math.inf:  # a point without a place is near to none
-            row = int(across) * cell(x, p, place, _Y, i, d) + int(over) * cell(x, p, place, _Z, i, d)
+            row = int64(across) * cell(x, p, place, _Y, i, d) + int64(over) * cell(x, p, place, _Z, i, d)
             c = (row + cell(x, p, place, _X, i, d)) & (buckets - 1)
             bucket[i] = c
             start[c] += 1
@@ -501,7 +501,7 @@ def sort_by_cells(x, p, place, size, d):
         end += start[c]
         start[c] = end
     for i in range(count - 1, -1, -1):
-        c = int(bucket[i])
+        c = int64(bucket[i])
         if c >= 0:
             start[c] -= 1
             order[start[c]] = i
@@ -550,7 +550,7 @@ def cell(x, p, place, k, i, d):
     along *= p[place + _SCALES + k]
     number = p[place + _NUMBERS + k]
     if number > 0:
-        return int(min(along - number * np.floor(along / number), number - 1))
+        return int64(min(along - number * np.floor(along / number), number - 1))
     return math.floor(min(max(along, -_FAR), _FAR))
 
 
@@ -585,13 +585,13 @@ def lists(task, t, u, p, place, part, parts, d):
     elif task == SCAN:
         scan(t, u, p, place, part, parts, d)
     elif task == CHECK:
-        return int(is_valid(t, p, place, parts))
+        return int64(is_valid(t, p, place, parts))
     elif task == BEGIN:
         begin(t, p, place, parts, d)
     elif task == BUILD:
         build(p, place, part, parts, d)
     elif task == FINISH:
-        return int(is_built(p, place, d))
+        return int64(is_built(p, place, d))
     else:
         return listed(p, place, part, parts, d)
     return 0

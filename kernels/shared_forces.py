@@ -1,5 +1,7 @@
 """Let threads share the work of a scene: its lists of neighbours, the forces of their pairs, and all others."""
 
+from numba.types import int64
+
 from .compile.jit import code_address, element
 from .grains import IN_TURN, IS_FULL, take_next, write_in_turn
 from .neighbours import BEGIN, CHECK, FINISH, PARTS, REFRESH
@@ -32,16 +34,16 @@ def update(do, lists, number, board, t, u, v, p, a, place):
     first = LISTS + number * STAGES
     if board == 0:
         lists(REFRESH, t, u, p, place, place, place)
-        return int(p[place + PARTS])
+        return int64(p[place + PARTS])
     parts = board_at(board)[THREADS]  # more of them would share more pairs
     together(do, board, first + SCANNING, parts, t, u, v, p, a)
     if lists(CHECK, t, u, p, place, place, parts) == 0:
         lists(BEGIN, t, u, p, place, place, parts)
         while True:
-            together(do, board, first + BUILDING, int(p[place + PARTS]), t, u, v, p, a)
+            together(do, board, first + BUILDING, int64(p[place + PARTS]), t, u, v, p, a)
             if lists(FINISH, t, u, p, place, place, place) == 1:
                 break
-    return int(p[place + PARTS])
+    return int64(p[place + PARTS])
 
 
 @element

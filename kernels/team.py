@@ -122,7 +122,7 @@ def replace(typingctx, board, place, old, new):  # type: ignore[no-untyped-def]
 @element
 def board_of(p, place):
     """Return the address of the board of a run with the parameters p, or 0 if no other thread is there."""
-    return int(p[place + BOARD]) if p[place + SELF] == address_of_vector(p) else 0
+    return int64(p[place + BOARD]) if p[place + SELF] == address_of_vector(p) else 0
 
 
 @element

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
+from numba.extending import intrinsic
 from numba.types import Tuple, UniTuple, int64, none
 
 from ..compile.jit import bound, compile_kernel, compiled, element
@@ -121,13 +122,13 @@ def searching(callbacks, f, c, y, n, scratch, counters, steps, look):
     watch, follow, pair = look.watch, look.follow, rows(look.watch.work[WORK:], PAIR_ROWS)
     place, of_steps = address_of(look), address_of(steps)
     while i < last and ended == GOING:
-        if 2 * int(counters[LOGGED]) > len(watch.log):
+        if 2 * int64(counters[LOGGED]) > len(watch.log):
             ended = FULL
             break
         if counters[WITHIN] == 1:
             i, found = i + 1, FOUND
         else:
-            started = int(counters[ANEW]) + START_STEPS
+            started = int64(counters[ANEW]) + START_STEPS
             there, i, row, found = MARCHES(f, c, y, n, scratch, counters, steps, look, pair, i, last, started, row)
             if STACKED == 0:
                 y = there
@@ -155,7 +156,7 @@ def marches(f, c, y, n, scratch, counters, steps, look, pair, first, last, start
 
     The starter takes the steps before step `started`. Returns what a march returns.
     """
-    end = min(last, int(counters[PART_END])) if len(look.follow.table) > 0 else last
+    end = min(last, int64(counters[PART_END])) if len(look.follow.table) > 0 else last
     if START_STEPS > 0 and first < started:
         with_scratch, end = (c, scratch), min(end, started)
         y, i, row, found = MARCH(
@@ -307,7 +308,7 @@ def pointer_callbacks(form: Form, second: str = "") -> tuple[Any, Mapping[str, A
     names = {
         "RHS": element(lambda callbacks: rhs_at(callbacks[0])),
         "ADDRESS": element(lambda callbacks: callbacks[0]),
-        "SECOND": element((lambda callbacks: second_at(callbacks[1])) if second else no_second),
+        "SECOND": element(lambda callbacks: second_at(callbacks[1])) if second else no_second,
     }
     return Tuple((int64, int64 if second else none)), MappingProxyType(names)  # which all kernels share
 
@@ -323,10 +324,11 @@ def inline_callbacks(form: Form, rhs: Any, jacobian: Any) -> tuple[Any, dict[str
     names = {
         "RHS": element(lambda callbacks: rhs),
         "ADDRESS": element(lambda callbacks: address),
-        "SECOND": element((lambda callbacks: jacobian) if jacobian else no_second),
+        "SECOND": element(lambda callbacks: jacobian) if jacobian else no_second,
     }
     return Tuple(()), names
 
 
-def no_second(callbacks):
-    return None
+@intrinsic
+def no_second(typingctx, callbacks):
+    return none(callbacks), lambda context, builder, signature, args: context.get_dummy_value()

@@ -12,6 +12,8 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+from numba.types import int64
+
 from ..compile.jit import bound, element, outlined
 from ..compile.source import define
 from ..protocol import (
@@ -116,7 +118,7 @@ def widen_one(follow, k, width, part, t, v):
 @element
 def end_part(follow, counters, i, n, v):
     """End the current part of the run if step `i` is its last, and begin the next one."""
-    part, end = int(counters[PART]), int(counters[PART_END])
+    part, end = int64(counters[PART]), int64(counters[PART_END])
     if i < end or len(follow.table) == 0:
         return
     for j in range(n):

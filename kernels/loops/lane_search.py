@@ -205,9 +205,9 @@ def search_lane(of_look, of_alone, of_steps, lane, i, u, v):
     if outcome != PASSED and outcome != RESET and outcome != TERMINAL:
         leave_lane(watch, lane, LOST)
         return PASSED
-    for row in range(first, int(mine[LOGGED])):
+    for row in range(first, int64(mine[LOGGED])):
         watch.lane_of_row[row] = lane
-    watch.n_logged[0] = int(mine[LOGGED])
+    watch.n_logged[0] = int64(mine[LOGGED])
     for k in range(len(alone.watch.events)):
         side = mine[EVENTS + EVENT_VALUES * k + SIDE]
         watch.values.extremes[LOW, watch.columns[k] + lane] = side if side != 0 else math.nan

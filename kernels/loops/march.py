@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 
 import numba
+from numba.types import int64
 
 from ..compile.jit import element
 from ..protocol import DUE, FAILED, NEXT, PART, PARTS, SEARCHES, SEARCHES_LANES, SPACING, At, row_index
@@ -37,7 +38,7 @@ def march(step, complete, f, y, c, n, steps, look, counters, pair, first, last, 
     """
     left = steps.every - first % steps.every
     if LOOKS > 0:
-        part = int(counters[PART]) % PARTS
+        part = int64(counters[PART]) % PARTS
     if LOOKS > 0 and MAY_BE_ONLY > 0:
         is_only, place = only_quantity(look.follow)
         quantity = QUANTITY(look.follow)
@@ -128,7 +129,7 @@ def march(step, complete, f, y, c, n, steps, look, counters, pair, first, last, 
 @element
 def next_time(watch, counters):
     """Return the next time at which the state is wanted."""
-    k = int(counters[NEXT])
+    k = int64(counters[NEXT])
     return watch.times[k] if k < len(watch.times) else math.inf
 
 

@@ -130,7 +130,7 @@ def observe(place, i, row, t, step, t_end):
         counters[EVALUATIONS] += parts.dense_evaluations
     if outcome != PASSED and s < 1.0:
         evaluate(coefficients, s, n, u_end, v_end)
-    part = int(counters[PART]) % PARTS
+    part = int64(counters[PART]) % PARTS
     if follows:
         EVALUATE(follow, first, t_stop, u_end, v_end, p)
         if follows_within and t_stop > t:
@@ -167,7 +167,7 @@ def observe(place, i, row, t, step, t_end):
 @element
 def is_wanted(watch, counters, t):
     """Return whether there is a wanted time up to t."""
-    k = int(counters[NEXT])
+    k = int64(counters[NEXT])
     return k < len(watch.times) and watch.times[k] <= t
 
 

@@ -63,7 +63,7 @@ def go_on(address, place, of_steps, counters, outcome, i, row, u, v, a):
         EVALUATE(follow, first, t, u, v, p)
         ADVANCE_HISTORY(follow, t, u, v, p)
     if outcome <= RESET:
-        widen_all(follow, first, int(counters[PART]) % PARTS, t, v)
+        widen_all(follow, first, int64(counters[PART]) % PARTS, t, v)
         if i % steps.every == 0:
             write(u, v, steps.u_rows.shape[1], steps, row)
             save(follow, row)
@@ -95,7 +95,7 @@ def search(address, place, counters, t0, t, t_grid, n, p):
         counters[WITHIN] = 0
     while True:
         h = t_end - t
-        if int(counters[LOGGED]) + len(watch.events) > len(watch.log):
+        if int64(counters[LOGGED]) + len(watch.events) > len(watch.log):
             copy_two(u_end, v_end, u, v, n)
             counters[TIME], counters[WITHIN] = t, 1
             return FULL
@@ -106,7 +106,7 @@ def search(address, place, counters, t0, t, t_grid, n, p):
             copy_two(u_end, v_end, u, v, n)
             counters[TIME] = t
             return outcome
-        while int(counters[NEXT]) < len(watch.times) and watch.times[int(counters[NEXT])] <= stop:
+        while int64(counters[NEXT]) < len(watch.times) and watch.times[int64(counters[NEXT])] <= stop:
             WRITE_TIME(place, counters, t, h, t_end, n, coefficients, u_end, v_end, p)
         if outcome > RESET or (outcome == RESET and stop >= t_grid):
             copy_two(u_end, v_end, u_there, v_there, n)

@@ -311,7 +311,7 @@ def round_off(address, t, n, coefficients, g, u, v, p):
         evaluate(coefficients, 0.0, n, u, v)
         for j in range(n):
             chance = (j * _GOLDEN) % 1.0
-            change = _SPACINGS * EPSILON * (1 - 2 * (int(chance * 2.0 ** (bit + 1)) % 2))
+            change = _SPACINGS * EPSILON * (1 - 2 * (int64(chance * 2.0 ** (bit + 1)) % 2))
             u[j] *= 1 + change
             v[j] *= 1 + change
         most = max(most, abs(EVENT(address, t * (1 + _SPACINGS * EPSILON), u, v, p) - g))
@@ -323,8 +323,8 @@ def take(place, counters, k, t0, t, n, u, v, p):
 
     The quantities are followed in the state before and in the state after the reset.
     """
-    watch, part = look_at(place).watch, int(counters[PART]) % PARTS
-    row, address = watch.log[int(counters[LOGGED])], watch.events[k, _APPLY]
+    watch, part = look_at(place).watch, int64(counters[PART]) % PARTS
+    row, address = watch.log[int64(counters[LOGGED])], watch.events[k, _APPLY]
     mine = EVENTS + EVENT_VALUES * k
     counters[LOGGED] += 1
     row[0], row[1] = k, t
@@ -358,8 +358,8 @@ def take(place, counters, k, t0, t, n, u, v, p):
 
 def write_time(place, counters, t, h, t_end, n, coefficients, u_end, v_end, p):
     """Write the state at the next of `watch.times`, and the values of the outputs there."""
-    look, k = look_at(place), int(counters[NEXT])
-    watch, row = look.watch, int(counters[FIRST_ROW]) + k
+    look, k = look_at(place), int64(counters[NEXT])
+    watch, row = look.watch, int64(counters[FIRST_ROW]) + k
     (u,), (v,) = rows(watch.u_rows[row:], 1), rows(watch.v_rows[row:], 1)
     if watch.times[k] == t_end:
         for j in range(n):
