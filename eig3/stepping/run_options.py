@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -82,6 +84,20 @@ class RunOptions(NamedTuple):
         return 2 if self.has_tolerances else n_rows(n_steps, self.every)
 
 
+def _remembered(check: Callable[..., RunOptions]) -> Callable[..., RunOptions]:
+    """Return a function that checks options once: most calls in a loop have the same ones."""
+    known = functools.lru_cache(64, typed=True)(check)
+
+    @functools.wraps(check)
+    def checked(*layout: Layout | None, **options: Any) -> RunOptions:
+        with suppress(TypeError):  # an array or a dict cannot be remembered, or an option is not valid
+            return known(*layout, **options)
+        return check(*layout, **options)
+
+    return checked
+
+
+@_remembered
 def run_options(
     layout: Layout | None = None,
     *,

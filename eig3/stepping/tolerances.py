@@ -13,6 +13,7 @@ from ..methods import METHODS, RK5, RK8, RKN12, Method
 
 LEAST_RTOL = 100 * float(np.finfo(np.float64).eps)  # below it, round-off controls the steps
 _RK8_FROM = 1e-4  # RK8 takes less time than RK5 if rtol is smaller than this
+_RK5, _RK8, _RKN12 = RK5(), RK8(), RKN12()
 _RKN12_FROM = 1e-6  # up to this error, RKN12 takes less time than RK8; for the same rtol it may take more
 
 
@@ -95,8 +96,8 @@ def _absolute(atol: np.ndarray, n: int) -> np.ndarray:
 def usual_method(rtol: float, reads_velocity: bool) -> Method:
     """Return the default method for a tolerance, and for a right-hand side that reads the velocity or not."""
     if rtol <= _RKN12_FROM and not reads_velocity:
-        return RKN12()
-    return RK8() if rtol < _RK8_FROM else RK5()
+        return _RKN12
+    return _RK8 if rtol < _RK8_FROM else _RK5
 
 
 def check_variable(method: str | Method) -> Method:
