@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import eig3
 from eig3.effects import BoucWen, FrictionPendulum, LeadRubber
 from eig3.scene import Scene
-from eig3.structures import Frame, Section, base_shear, link_forces, link_stretches
+from eig3.structures import Frame, Section, base_shear, link_ductility, link_forces, link_stretches
 
 G = 9.81  # m/s^2
 Y = 0.02
@@ -30,8 +30,10 @@ def test_on_a_circle_the_yield_force_is_constant_and_lags(sharpness):
     law, radius = LeadRubber(3.0, 2.0, Y, sharpness), 0.1
     problem = eig3.linear(*HEAVY, links=[(law, None, (0, 1))], u0=[radius, 0], v0=[0, radius], t_span=(0, 12))
     outputs = {"forces": link_forces(problem), "stretches": link_stretches(problem)}
+    outputs["ductility"] = link_ductility(problem)  # one value for both directions
     run = problem.integrate(rtol=1e-10, t_eval=np.linspace(9, 12, 7), outputs=outputs)
     np.testing.assert_array_equal(run.outputs["stretches"], run.u)
+    np.testing.assert_allclose(run.outputs["ductility"], np.full((7, 1), radius / Y), rtol=1e-8)
     lead = run.outputs["forces"] - 3.0 * run.u
     np.testing.assert_allclose(np.linalg.norm(lead, axis=1), 2.0, rtol=1e-8)
     lag = run.t + np.pi / 2 - np.arctan2(lead[:, 1], lead[:, 0])
@@ -171,6 +173,7 @@ def test_bearings_below_a_frame_in_space():
     T = np.linspace(0, 5, 501)
     ends = [(f"base{k}.ux", f"base{k}.uy") for k in range(4)]
     problem = frame.problem((0, 1), ground=(T, 4 * np.sin(4 * T)), links=[(law, None, ends)])
+    assert problem.h is None
     outputs = {"forces": link_forces(problem), "shear": base_shear(problem)}
     run = problem.integrate(h=1e-3, outputs=outputs)
     assert run.z["friction pendulum"].shape[1] == run.outputs["forces"].shape[1] == 8
