@@ -1,7 +1,5 @@
 """Isolators across two directions of a structure, with a circular yield surface."""
 
-import re
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +9,8 @@ import eig3
 from eig3.effects import BoucWen, FrictionPendulum, LeadRubber
 from eig3.scene import Scene
 from eig3.structures import Frame, Section, base_shear, link_ductility, link_forces, link_stretches
+
+from .conftest import refusals
 
 G = 9.81  # m/s^2
 Y = 0.02
@@ -183,29 +183,22 @@ def test_bearings_below_a_frame_in_space():
     assert np.abs(run.u[:, problem.names.index("base0.ux")]).max() > 0.01
 
 
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: plane(LeadRubber(1.0, 1.0, 0.0)), "yield_length of LeadRubber must be positive"),
-        (lambda: plane(FrictionPendulum(0.1, 0.0, 1.0)), "radius of FrictionPendulum must be positive"),
-        (
-            lambda: eig3.linear([1.0, 1.0], links=[(BEARING, None, 0)], t_span=(0, 1)),
-            "links[0] acts across 2 directions: give pairs of degrees of freedom for its ends",
-        ),
-        (
-            lambda: eig3.linear([1.0, 1.0], links=[(BEARING, None, (0, 1, 0))], t_span=(0, 1)),
-            "links[0] acts across 2 directions: give pairs",
-        ),
-        (
-            lambda: eig3.linear([1.0, 1.0], links=[(BEARING, (0, None), (0, 1))], t_span=(0, 1)),
-            "links[0] must join two different degrees of freedom",
-        ),
-        (
-            lambda: Scene(dimension=2).add(BEARING, None, None),
-            "LeadRubber acts across two directions of a structure: give it to",
-        ),
-    ],
+def between(*ends):
+    return lambda: eig3.linear([1.0, 1.0], links=[(BEARING, *ends)], t_span=(0, 1))
+
+
+PAIRS = r"links\[0\] acts across 2 directions: give pairs of degrees of freedom for its ends"
+test_what_is_wrong_is_refused_in_a_sentence = refusals(
+    {
+        "yield_length of LeadRubber must be positive": lambda: plane(LeadRubber(1.0, 1.0, 0.0)),
+        "radius of FrictionPendulum must be positive": lambda: plane(FrictionPendulum(0.1, 0.0, 1.0)),
+        PAIRS: between(None, 0),
+        PAIRS + ".*": between(None, (0, 1, 0)),
+        r"links\[0\] must join two different degrees of freedom": between((0, None), (0, 1)),
+    },
+    {
+        "LeadRubber acts across two directions of a structure: give it to": lambda: Scene(dimension=2).add(
+            BEARING, None, None
+        )
+    },
 )
-def test_what_is_wrong_is_refused_in_a_sentence(make, said):
-    with pytest.raises((TypeError, ValueError), match=re.escape(said)):
-        make()
