@@ -1,7 +1,5 @@
 """Laws of links for the angle between rigid bodies."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -17,6 +15,8 @@ from eig3.effects import (
     Maxwell,
 )
 from eig3.scene import Scene
+
+from .conftest import refusals
 
 INERTIA = 0.3 + 2 * 0.5**2  # about the pin
 
@@ -103,15 +103,13 @@ def test_a_plastic_hinge_between_two_bodies():
         np.testing.assert_allclose(members[k].events[name].t, single.events[name].t, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("law", "said"),
-    [
-        (3.0, "law of HingeLaw must be a link of eig3.effects, not 3.0"),
-        (LeadRubber(1.0, 1.0, 0.1), "law of HingeLaw must act along one line, and LeadRubber does not"),
-        (MassImpact(0.3), "MassImpact changes velocities at events, which a hinge does not support"),
-        (Breaking(LinearSpring(9.0, 0.5), min_stretch=-0.4), "Breaking is broken at the start"),
-    ],
+test_what_is_wrong_is_refused_in_a_sentence = refusals(
+    {
+        "law of HingeLaw must act along one line, and LeadRubber does not": lambda: flap(LeadRubber(1.0, 1.0, 0.1)),
+        "Breaking is broken at the start": lambda: flap(Breaking(LinearSpring(9.0, 0.5), min_stretch=-0.4)),
+    },
+    {
+        "law of HingeLaw must be a link of eig3.effects, not 3.0": lambda: flap(3.0),
+        "MassImpact changes velocities at events, which a hinge does not support": lambda: flap(MassImpact(0.3)),
+    },
 )
-def test_what_is_wrong_is_refused_in_a_sentence(law, said):
-    with pytest.raises((TypeError, ValueError), match=re.escape(said)):
-        flap(law)
