@@ -267,15 +267,6 @@ def test_a_beam_that_turns_freely_keeps_its_energy_and_momentum():
     np.testing.assert_allclose(momentum, momentum[0], rtol=1e-7)
 
 
-def test_small_motions_of_corotational_members_are_those_of_the_linear_frame():
-    frame = line(4)
-    frame.support("n0")
-    v0 = state(frame, ux=lambda k: 0, uy=lambda k: 1e-3 * (k / 4) ** 2, rz=lambda k: 0)
-    turning, linear = (frame.problem((0, 0.05), corotational=choice, v0=v0) for choice in (True, False))
-    u = linear.integrate(h=1e-5).u
-    np.testing.assert_allclose(turning.integrate(h=1e-5).u, u, rtol=0, atol=1e-4 * np.abs(u).max())
-
-
 # Corotational members in space ---------------------------------------------------------------------------------------
 
 OBLIQUE = np.array([1.0, 2.0, 2.0]) / 3
