@@ -475,16 +475,6 @@ def test_params_that_are_no_list_are_refused():
         eig3.integrate(problem.rhs, (0.0, 1.0), problem.u0, problem.v0, params=params, h=1e-3)
 
 
-def test_a_fork_of_a_stepper_has_a_list_of_its_own():
-    problem = gas().problem((0.0, 1.0))
-    stepper = problem.stepper(h=1e-3)
-    fork = stepper.fork()
-    assert fork.params is not stepper.params
-    stepper.advance(500)
-    fork.advance(500)
-    np.testing.assert_array_equal(stepper.u, fork.u)
-
-
 def test_groups_without_pairs_do_nothing():
     scene = Scene(2)
     one, none = scene.mass(1.0, [[0.0, 0.0]]), scene.mass(1.0, np.zeros((0, 2)))
