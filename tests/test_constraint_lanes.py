@@ -80,8 +80,8 @@ def test_pendulums_with_their_own_lengths_masses_and_gravity(method):
 
 @pytest.mark.parametrize("method", ["eig3", "rk4"])
 def test_double_pendulums_with_reactions_and_steps_of_their_own(method):
-    problem, h = double_pendulum(), np.linspace(1e-3, 2e-3, 20)
-    v0 = swung(problem, 20)
+    problem, h = double_pendulum(), np.linspace(1e-3, 2e-3, 80)
+    v0 = swung(problem, 80)
     options = {"method": method, "outputs": problem.outputs, "save_every": 50}
     solution = problem.ensemble(v0=v0, h=h, **options)
     for i in (0, 11):
@@ -103,12 +103,14 @@ def test_slider_cranks_follow_their_work(method):
 
 def test_a_member_has_its_bits_wherever_it_runs():
     problem = double_pendulum()
-    v0 = swung(problem, 80)
-    whole = problem.ensemble(v0=v0, h=1e-3, threads=2)
-    turned = problem.ensemble(v0=v0[::-1], h=1e-3, threads=1)
-    np.testing.assert_array_equal(turned.u[::-1], whole.u)
-    one = problem.ensemble(v0=v0[33:34], h=1e-3)
-    np.testing.assert_array_equal(one.u[0], whole.u[33])
+    v0, h = swung(problem, 80), np.linspace(1e-3, 2e-3, 80)
+    options = {"outputs": problem.outputs, "save_every": 50}
+    whole = problem.ensemble(v0=v0, h=h, threads=2, **options)
+    turned = problem.ensemble(v0=v0[::-1], h=h[::-1], threads=1, **options)
+    one = problem.ensemble(v0=v0[33:34], h=h[33:34], **options)
+    for i in range(80):
+        np.testing.assert_array_equal(turned[79 - i].u, whole[i].u)
+    np.testing.assert_array_equal(one[0].u, whole[33].u)
     assert whole.notes == one.notes == ()
 
 
@@ -116,12 +118,12 @@ def test_a_member_has_its_bits_wherever_it_runs():
 def test_a_lane_that_finds_no_state_ends_as_a_single_run(method):
     """A rod cannot turn by more than some radians in a step: the first members are much too fast, the others not."""
     problem = double_pendulum()
-    v0 = np.asarray(problem.v0) * np.where(np.arange(20) < 5, 600.0, 1.0)[:, None]
-    solution = problem.ensemble(v0=v0, h=2e-2, method=method)
+    v0 = np.asarray(problem.v0) * np.where(np.arange(80) < 5, 600.0, 1.0)[:, None]
+    solution = problem.ensemble(v0=v0, h=np.linspace(2e-2, 2.1e-2, 80), method=method, outputs=problem.outputs)
     assert (solution.status[:5] == eig3.Status.DIVERGED).all()
     assert solution.success[5:].all()
     for i in (0, 10):
-        alone = problem.with_(v0=v0[i]).integrate(h=2e-2, method=method, save_every=None)
+        alone = problem.with_(v0=v0[i]).integrate(h=float(solution.h[i]), method=method, save_every=None)
         assert (solution[i].status, solution[i].message) == (alone.status, alone.message)
         np.testing.assert_allclose(solution[i].u[-1], alone.u[-1], atol=CLOSE)
     assert "no state was found that keeps the constraints" in solution[0].message

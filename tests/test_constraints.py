@@ -224,16 +224,15 @@ def test_the_work_of_an_actuator_is_followed():
     problem = actuated().problem((0.0, 1.0), work=True)
     drifts = [problem.integrate(h=h).drift["energy"] for h in (2e-3, 1e-3)]
     assert drifts[0] / drifts[1] == pytest.approx(4.0, rel=0.1)
-    assert problem.integrate(h=1e-2, method="rk8").drift["energy"] < 1e-10
-    assert np.ptp(problem.integrate(h=1e-2, method="rk8").z["work"]) > 1
+    precise = problem.integrate(h=1e-2, method="rk8")
+    assert precise.drift["energy"] < 1e-10
+    assert np.ptp(precise.z["work"]) > 1
 
 
 @pytest.mark.parametrize("options", [{"h": 1e-3}, {"h": 1e-3, "method": "rk4"}, {"rtol": 1e-8}])
 def test_an_impact_goes_through_the_joints(options):
     """The end of a double pendulum strikes a wall: its restitution is exact, and no rod becomes longer."""
     scene = chain(2, angle=1.2)
-    wall = scene.fixed((0.0, 0.0))
-    del wall
     end = scene.mass(2.0, (1.5, 0.3))
     scene.add(effects.Rod(), eig3.scene.Points(scene, np.array(1)), end)
     scene.add(effects.RigidStop((1.0, 0.0), -0.4, restitution=0.7), end)
