@@ -271,7 +271,7 @@ def check_frames(problem, solution):
         each.set_layout_engine("none")
     last = len(film.t) - 1
     redraw = Redraw(other, show_other, last)
-    for i in (0, 29, 30, 31, last // 2, last, 5, 30):
+    for i in (0, 29, 30, last, 5):
         show(i)
         figure.canvas.draw()
         np.testing.assert_array_equal(redraw(i), np.asarray(figure.canvas.buffer_rgba())[..., :3])

@@ -601,7 +601,7 @@ def beam(elements, inertia):
     return K[np.ix_(free, free)]
 
 
-@pytest.mark.parametrize(("mass", "stiffness"), [(0.0, 0.0), (1e-4, 0.0), (0.0, 0.1), (0.05, 0.05)])
+@pytest.mark.parametrize(("mass", "stiffness"), [(0.0, 0.0), (1e-4, 0.0), (0.0, 0.1)])
 def test_a_beam_in_metres_and_radians(mass, stiffness):
     """Damping proportional to mass and to stiffness, by its ratios at the highest frequency."""
     K = beam(100, inertia=1e-3)

@@ -19,15 +19,7 @@ from eig3.methods import LIBRARY
 from eig3.planning import kinds, pilots, planner, step_search
 from eig3.scene import Scene
 
-OTHER_GRADES = [
-    "eig4",
-    "eig6",
-    "eig7",
-    "eig8",
-    "eig10",
-    "eig11",
-    "eig12",
-]  # their kernels come from the text of other grades
+OTHER_GRADES = [f"eig{grade}" for grade in (4, 6, 7, 8, 10, 11, 12)]  # their kernels have the text of other grades
 #: Methods for a force that depends on the velocity.
 ANY_FORCE = [name for name in LIBRARY if not (eig3.METHODS[name]().ignores_velocity or name in OTHER_GRADES)]
 OF_EACH_KIND = ["eig3", "cd", "rk4", "ab3", "eig9"]  # all others would only compile more kernels
@@ -160,7 +152,7 @@ def test_a_run_ends_when_its_motion_has_decayed():
 
 
 def test_chaos_is_reported():
-    plan = eig3.plan(problems.spring_pendulum(r0=1.5, theta0=2.5, t_end=3e4), 1e-6, methods=["eig3"])
+    plan = eig3.plan(problems.spring_pendulum(r0=1.5, theta0=2.5, t_end=3e3), 1e-6, methods=["eig3"])
     assert not plan.predictions[0].reaches
     with pytest.raises(ValueError, match=r"accuracy 1e-06 is not reached by any method of this plan \(EIG-3: "):
         plan.run()
@@ -283,10 +275,10 @@ def loaded_chain(t, u, v, p, a):
 
 def test_a_growing_load_does_not_shorten_the_step():
     """The error of EIG-3 near its critical step, 1 here, is 3e-7 of the motion at the end, but more of that before."""
-    n = 5000
-    problem = eig3.Problem("chain", loaded_chain, np.zeros(n), np.zeros(n), [1e-3], (0.0, 3000.0))
+    n = 2000
+    problem = eig3.Problem("chain", loaded_chain, np.zeros(n), np.zeros(n), [1e-3], (0.0, 1200.0))
     plan = eig3.plan(problem, 1e-3, methods=["eig3", "rk4", "rk8"])
-    check_cost(plan, 3000)
+    check_cost(plan, 1200)
     check_runs(plan, h=0.25)
 
 
@@ -355,7 +347,7 @@ def running_away(t, u, v, p):
         (lambda: problems.damped_bar(n=80, t_end=2e-4), OF_EACH_KIND, "has a stable step"),
         (
             lambda: eig3.Problem("infinite", running_away, 1.0, 1.0, (), (0.0, 10.0)),
-            ["eig3", "rk4"],
+            ["rk4"],
             "unstable at every step tried",
         ),
     ],
