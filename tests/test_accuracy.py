@@ -14,11 +14,7 @@ from eig3.run import accuracy as module
 from eig3.run import chunks, short
 
 from .conftest import position, spring
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return 0.5 * (u * u + v * v)
+from .test_check import energy
 
 
 @eig3.jit
@@ -228,7 +224,9 @@ def ensemble(rhs=spring, u0=STARTS, t_end=20, **options):
     return eig3.ensemble(rhs, (0, t_end), u0, 0.0, params=1.0, **options)
 
 
-@pytest.mark.parametrize(("accuracy", "options"), [(1e-3, {"t_eval": np.linspace(0, 20, 9), "method": "rkn12"}), (1e-8, {})])
+@pytest.mark.parametrize(
+    ("accuracy", "options"), [(1e-3, {"t_eval": np.linspace(0, 20, 9), "method": "rkn12"}), (1e-8, {})]
+)
 def test_every_member_has_the_accuracy(accuracy, options):
     solution = ensemble(accuracy=accuracy, **options)
     assert solution.success.all()

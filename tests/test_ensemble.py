@@ -754,34 +754,42 @@ def two_springs(t, u, v, p, a):
 
 
 @pytest.mark.parametrize(
-    ("options", "own_step"), [({}, False), ({"save_every": 3}, True), ({"method": "rk4", "save_every": 1}, False)]
+    ("form", "options", "own_step"),
+    [
+        (SCALAR, {}, False),
+        (VECTOR, {"save_every": 3}, True),
+        (SCALAR, {"method": "rk4", "save_every": 1}, False),
+    ],
 )
-def test_events_that_end_members_are_found_in_lanes(options, own_step):
+def test_events_that_end_members_are_found_in_lanes(form, options, own_step):
     """Some members end before they diverge, and some at a step; a zero of g in the other direction ends none."""
     m = 140
     p = np.column_stack([np.where(np.arange(m) % 35 == 3, 1e5, np.linspace(1, 10, m)), np.linspace(-1.4, 1.4, m)])
-    scalar = linear_spring, np.linspace(0.5, 1.5, m), np.zeros(m), eig3.Event(above_level, direction=-1, terminal=True)
-    vector = two_springs, np.ones((m, 2)), np.zeros((m, 2)), eig3.Event(below_bound_of_two, terminal=True)
-    for rhs, u0, v0, event in (scalar, vector):
-        h = np.linspace(0.01, 0.02, m) if own_step else np.full(m, 0.02)
-        given = {"events": {"bound": event, "late": eig3.Event(after_four, terminal=True)}, **options}
-        alone = [
-            eig3.integrate(rhs, (0, 5), u0[i], v0[i], h=h[i], params=p[i], **{"save_every": None, **given})
-            for i in range(m)
-        ]
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(eig3.Prepared, "member", None)  # no member runs alone
-            runs = eig3.ensemble(rhs, (0, 5), u0, v0, h=h if own_step else 0.02, params=p, **given)
-        for member, one in zip(runs, alone, strict=True):
-            assert (member.status, member.message) == (one.status, one.message)
-            assert member.n_steps == one.n_steps
-            assert member.n_rhs <= one.n_rhs  # which searches also steps in which nothing ends it
-            for field in "tuv":
-                np.testing.assert_allclose(getattr(member, field), getattr(one, field), rtol=1e-9, atol=1e-11)
-            for name, found in one.events.items():
-                for field in ("t", "u", "v", "u_after", "v_after"):
-                    ours = getattr(member.events[name], field)
-                    np.testing.assert_allclose(ours, getattr(found, field), rtol=1e-9, atol=1e-11)
+    if form is SCALAR:
+        rhs, u0, v0 = linear_spring, np.linspace(0.5, 1.5, m), np.zeros(m)
+        event = eig3.Event(above_level, direction=-1, terminal=True)
+    else:
+        rhs, u0, v0 = two_springs, np.ones((m, 2)), np.zeros((m, 2))
+        event = eig3.Event(below_bound_of_two, terminal=True)
+    h = np.linspace(0.01, 0.02, m) if own_step else np.full(m, 0.02)
+    given = {"events": {"bound": event, "late": eig3.Event(after_four, terminal=True)}, **options}
+    alone = [
+        eig3.integrate(rhs, (0, 5), u0[i], v0[i], h=h[i], params=p[i], **{"save_every": None, **given})
+        for i in range(m)
+    ]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(eig3.Prepared, "member", None)  # no member runs alone
+        runs = eig3.ensemble(rhs, (0, 5), u0, v0, h=h if own_step else 0.02, params=p, **given)
+    for member, one in zip(runs, alone, strict=True):
+        assert (member.status, member.message) == (one.status, one.message)
+        assert member.n_steps == one.n_steps
+        assert member.n_rhs <= one.n_rhs  # which searches also steps in which nothing ends it
+        for field in "tuv":
+            np.testing.assert_allclose(getattr(member, field), getattr(one, field), rtol=1e-9, atol=1e-11)
+        for name, found in one.events.items():
+            for field in ("t", "u", "v", "u_after", "v_after"):
+                ours = getattr(member.events[name], field)
+                np.testing.assert_allclose(ours, getattr(found, field), rtol=1e-9, atol=1e-11)
 
 
 def test_members_that_begin_at_the_zero_of_an_event_end_as_single_runs():

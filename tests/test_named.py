@@ -265,7 +265,7 @@ def rows_of_entries(t, u, v, p, a):
             a[i] -= p.scale * p.K.data[k] * u[p.K.indices[k]]
 
 
-@pytest.mark.parametrize("steps", [{"h": 0.01}, {"rtol": 1e-6, "method": "rk5"}])
+@pytest.mark.parametrize("steps", [{"h": 0.01}, {"rtol": 1e-6, "method": "rk8"}])
 def test_members_with_a_sparse_matrix_and_parameters_of_their_own_run_one_at_a_time(steps):
     """The columns of the matrix are pairs of whole numbers in one real one, which a lane cannot read."""
     K, scales = chain_parameters(2)["K"], np.linspace(1, 2, 16)
