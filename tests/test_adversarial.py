@@ -254,9 +254,7 @@ def test_one_value_that_is_not_finite_ends_the_run(method, form, value, time):
     np.testing.assert_array_equal(run.u[-1], healthy.u[run.n_steps])
 
 
-@pytest.mark.parametrize(
-    ("method", "form"), [("eig3", "vector"), ("rk4", "vector"), ("ab3", "scalar"), ("cd", "scalar")]
-)
+@pytest.mark.parametrize(("method", "form"), [("eig3", "vector"), ("cd", "scalar")])
 def test_one_nan_ends_the_run_inline(method, form):
     run = run_bad_once(method, form, 0.5, np.nan, inline=True)
     assert run.status is eig3.Status.DIVERGED

@@ -18,7 +18,7 @@ from PIL import Image
 import eig3
 from eig3 import problems
 from eig3 import run_report as run_module
-from eig3.animation import Curves, Film, Mechanism, Portrait, second_process
+from eig3.animation import Curves, Film, Portrait, second_process
 from eig3.animation import animate as animate_module
 from eig3.animation import film as film_module
 from eig3.animation import writers as writers_module
@@ -67,7 +67,8 @@ def sway(t):
     return 0.3 * np.sin(2 * t), 0.6 * np.cos(2 * t)
 
 
-def swing(t_end=2.0):
+@pytest.fixture(scope="module")
+def swinging():
     """A mass on a spring below a support that moves, above a floor."""
     scene = Scene(dimension=2)
     support, mass = scene.fixed((1.0, 2.0)), scene.mass(1.0, (1.3, 1.0))
@@ -75,12 +76,7 @@ def swing(t_end=2.0):
     scene.add(Gravity((0.0, -9.81)))
     scene.add(PlaneContact(1e5, normal=(0.0, 1.0), offset=0.5), mass)
     scene.add(SupportMotion(sway, (1.0, 0.0)), support)
-    return scene.problem((0.0, t_end)), mass
-
-
-@pytest.fixture(scope="module")
-def swinging():
-    problem, mass = swing()
+    problem = scene.problem((0.0, 2.0))
     return problem, mass, problem.integrate(h=1e-3, save_every=10)
 
 
@@ -271,7 +267,7 @@ def check_frames(problem, solution):
         each.set_layout_engine("none")
     last = len(film.t) - 1
     redraw = Redraw(other, show_other, last)
-    for i in (0, 29, 30, 31, last // 2, last, 5, 30):
+    for i in (0, 29, 30, last, 5):
         show(i)
         figure.canvas.draw()
         np.testing.assert_array_equal(redraw(i), np.asarray(figure.canvas.buffer_rgba())[..., :3])
@@ -404,9 +400,9 @@ def test_a_run_that_diverged_is_shown_up_to_the_growth():
     assert -20 < low < high < 20
 
 
-def test_states_too_far_apart_are_refused(tmp_path):
+def test_states_too_far_apart_are_refused(swinging, tmp_path):
     """The second run has two states, which do not tell where the ball was between them: it rebounds from a contact."""
-    oscillator, (ball, _) = problems.single_dof(t_end=100.0), swing()
+    oscillator, (ball, _, _) = problems.single_dof(t_end=100.0), swinging
     for problem, options in ((oscillator, {"h": 0.01, "save_every": 1000}), (ball, {"h": 1e-3, "save_every": None})):
         with pytest.raises(ValueError, match=r"^solution must have states closer together .*smaller save_every"):
             problem.animate(problem.integrate(**options), tmp_path / "film.gif")
@@ -522,12 +518,6 @@ def counting(tmp_path_factory, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: str(program))
 
 
-def test_ffmpeg_gets_every_frame(still, tmp_path, counting):
-    problem, solution = still
-    path = problem.animate(solution, tmp_path / "film.mp4")
-    assert int(path.read_text()) == len(Film.of(solution).t) * 480 * 360 * 3
-
-
 @pytest.mark.parametrize("kind", ["gif", "html", "mp4"])
 def test_an_older_film_stays_until_the_new_one_is_complete(still, tmp_path, counting, kind):
     def view(figure, film):
@@ -547,6 +537,8 @@ def test_an_older_film_stays_until_the_new_one_is_complete(still, tmp_path, coun
     problem.animate(solution, path)
     assert list(tmp_path.iterdir()) == [path]
     assert path.read_bytes() != b"older"
+    if kind == "mp4":
+        assert int(path.read_text()) == len(Film.of(solution).t) * 480 * 360 * 3  # bytes of all frames
 
 
 def test_an_error_of_ffmpeg_is_reported(still, tmp_path, monkeypatch):
@@ -615,18 +607,3 @@ def test_a_step_that_is_too_long_is_refused_before_the_run(tmp_path, monkeypatch
 def test_a_format_without_a_film_is_refused():
     with pytest.raises(SystemExit, match=r"^eig3 run: --format is the format of an animation: give --animate too"):
         main(["run", "single_dof", "--format", "gif"])
-
-
-def test_a_view_of_the_users_own():
-    """As README says, a view draws on a figure and returns a function that shows frame i."""
-    shown = []
-
-    def view(figure, film):
-        figure.add_subplot()
-        return shown.append
-
-    problem = problems.single_dof(t_end=1.0).with_(view=view)
-    _, show, _ = staged(problem, waving(problem))
-    show(3)
-    assert shown == [0, 3]
-    assert isinstance(swing()[0].view, Mechanism)

@@ -72,7 +72,6 @@ def test_the_next_run_has_the_new_value(names, change):
     [
         {"h": 1e-3, "inline": True},
         {"rtol": 1e-9, "inline": True, "method": "eig3"},  # its kernel compiles in less time than that of RK8
-        {"h": 1e-3, "inline": True, "t_eval": [0.1]},
     ],
 )
 def test_also_with_an_inlined_loop(names, options):

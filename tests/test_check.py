@@ -13,7 +13,7 @@ from eig3 import problems
 from eig3.ensembles.checked import errors_of_members
 from eig3.result.error_estimate import _order
 
-from .conftest import position, spring
+from .conftest import falling, position, spring
 
 
 @eig3.jit
@@ -198,14 +198,9 @@ def test_tolerances_that_do_not_control_the_steps_have_a_note():
 
 def test_an_exact_run_has_no_order():
     """Free fall is exact but for round-off: the runs differ in the last digits, or not at all."""
-    solution = eig3.integrate(falling, (0, 1), 0.0, 0.0, h=2.0**-6, method="rk4", check=True)
+    solution = eig3.integrate(falling, (0, 1), 0.0, 0.0, params=8.0, h=2.0**-6, method="rk4", check=True)
     assert solution.error.largest["u"] < 1e-14
     assert not any("stability" in note for note in solution.error.notes)
-
-
-@eig3.jit
-def falling(t, u, v, p):
-    return -8.0
 
 
 def test_near_the_limit_of_stability_the_order_is_not_known():

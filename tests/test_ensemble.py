@@ -105,7 +105,7 @@ def assert_alone(member, alone, rtol=ROUND_OFF):
 
 
 #: One of each kind. The formulas are those of runs alone: the others of a kind would only compile more kernels.
-METHODS = ["eig3", "ab3", "rk4", "rk5", "eig9"]
+METHODS = ["eig3", "ab3", "rk4", "eig9"]
 METHODS += [eig3.EIG3(alpha=1.2), eig3.CentralDifference(velocity="lagged")]
 FOLLOWED = {"eig3", "rk4"}  # what follows invariants is the same for all
 
@@ -134,7 +134,7 @@ def test_members_are_runs_alone(method):
     assert vector.success.all()
 
 
-@pytest.mark.parametrize("method", ["bm6", "cd", "eig3", "eig5"])
+@pytest.mark.parametrize("method", ["bm6", "cd", "eig3"])
 def test_methods_without_velocity(method):
     """For a force that ignores v, "cd" is explicit, and the EIG methods leave out what serves only the velocity."""
     u0, v0 = start(5, 2)
@@ -152,10 +152,9 @@ def test_a_force_that_reads_the_velocity_is_refused_by_methods_that_ignore_it():
         eig3.ensemble(damped_chain, (0, 1), u0, v0, params=stiffness(3), h=0.01, method="bm6")
 
 
-@pytest.mark.parametrize("solver", ["newton", "fixed-point"])
-def test_implicit_members_run_alone(solver):
+def test_implicit_members_run_alone():
     u0, v0 = start(4)
-    options = {"h": 0.01, "method": eig3.CentralDifference(solver=solver), "save_every": 50}
+    options = {"h": 0.01, "method": eig3.CentralDifference(solver="newton"), "save_every": 50}
     solution = eig3.ensemble(duffing, (0, 3), u0, v0, params=drive(4), invariants={"e": spring_energy}, **options)
     for i in range(4):
         alone = eig3.integrate(duffing, (0, 3), u0[i], v0[i], params=drive(4)[i], **options)
@@ -188,9 +187,13 @@ def test_no_member_sees_the_others(data):
     assert_same(whole, part, chosen)
 
 
-@pytest.mark.parametrize("method", ["eig3", "rk4", "ab3"])
-@pytest.mark.parametrize("n", [None, 2], ids=["scalar", "vector"])
-@pytest.mark.parametrize("own", [("params",), ("h",), ("params", "h"), ()], ids=" and ".join)
+OWN = ("params",), ("h",), ("params", "h"), ()
+
+
+@pytest.mark.parametrize(
+    ("method", "n", "own"),
+    [*(("eig3", n, own) for n in (None, 2) for own in OWN), ("rk4", None, ("params", "h")), ("ab3", 2, ("params",))],
+)
 def test_a_member_has_the_same_bits_in_an_ensemble_of_its_own(method, n, own):
     """Whatever its number of members is, rhs is compiled for values of its own where they have a first axis."""
     m = 20
@@ -322,11 +325,6 @@ def test_members_that_cannot_start_may_be_anywhere(method):
         assert_same(whole, part, slice(part.first, part.first + len(part)))
 
 
-def test_an_ensemble_without_a_member_that_can_start_is_checked():
-    with pytest.raises(ValueError, match=r"reads beyond the end of p \(0 values\)"):
-        eig3.ensemble(linear_spring, (0, 1), [1.0, 2.0], 0.0, h=0.1)
-
-
 def test_each_member_can_have_its_own_step():
     """The errors at the end show the order 2, and each member is a run alone with its step."""
     h = np.array([0.02, 0.03, 0.01, 0.005])  # 0.03 does not divide the span
@@ -394,7 +392,7 @@ def test_functions_are_checked():
         eig3.ensemble(lambda t, u, v, p: -u, (0, 1), [1.0, 2.0], 0.0, h=0.1)
     with pytest.raises(TypeError, match="invariants must be a dictionary"):
         eig3.ensemble(linear_spring, (0, 1), [1.0, 2.0], 0.0, h=0.1, params=1.0, invariants=spring_energy)
-    with pytest.raises(ValueError, match="reads beyond the end of p"):
+    with pytest.raises(ValueError, match=r"reads beyond the end of p \(0 values\)"):
         eig3.ensemble(linear_spring, (0, 1), [1.0, 2.0], 0.0, h=0.1)
 
 
@@ -411,15 +409,18 @@ def test_the_plain_njit_of_numba_is_vectorised_too():
     assert_alone(solution[2], alone)
 
 
-@pytest.mark.parametrize(("form", "n", "rhs"), [(SCALAR, 1, duffing), (VECTOR, 2, chain), (VECTOR, 6, damped_chain)])
-@pytest.mark.parametrize("shares_params", [False, True])
-@pytest.mark.parametrize("has_own_step", [False, True])
-def test_right_hand_sides_are_vectorised(form, n, rhs, shares_params, has_own_step):
+@pytest.mark.parametrize(
+    ("form", "n", "rhs", "sizes", "has_own_step"),
+    [
+        (SCALAR, 1, duffing, (0, 5), False),
+        (SCALAR, 1, duffing, (5, 0), True),
+        (VECTOR, 2, chain, (5, 0), False),
+        (VECTOR, 6, damped_chain, (0, 5), True),
+    ],
+)
+def test_right_hand_sides_are_vectorised(form, n, rhs, sizes, has_own_step):
     """The optimised code computes vectors, and calls no function for single values in its loop."""
-    assert (
-        compile_rhs(rhs.py_func, Layout(form, n, 64, *((5, 0) if shares_params else (0, 5)), has_own_step)).obstacle
-        == ""
-    )
+    assert compile_rhs(rhs.py_func, Layout(form, n, 64, *sizes, has_own_step)).obstacle == ""
 
 
 def test_notes_say_why_a_function_is_not_vectorised():
@@ -440,7 +441,8 @@ def test_notes_say_why_a_function_is_not_vectorised():
 
     @eig3.jit
     def with_arrays(t, u, v, p, a):
-        a[:] = -p[0] * u
+        w = u.copy()
+        a[0], a[1] = -p[0] * w[0], -p[0] * w[1]
 
     def notes(rhs, u0=(1.0, 2.0)):
         solution = eig3.ensemble(rhs, (0, 1), u0, 0.0 if np.ndim(u0) == 1 else [0.0, 0.0], h=0.01, params=1.0)
@@ -751,34 +753,43 @@ def two_springs(t, u, v, p, a):
     a[0], a[1] = -p[0] * u[0], -p[0] * u[1] + 0.1 * u[0]
 
 
-@pytest.mark.parametrize("options", [{}, {"save_every": 3}, {"method": "rk4", "save_every": 1}])
-@pytest.mark.parametrize("own_step", [False, True])
-def test_events_that_end_members_are_found_in_lanes(options, own_step):
+@pytest.mark.parametrize(
+    ("form", "options", "own_step"),
+    [
+        (SCALAR, {}, False),
+        (VECTOR, {"save_every": 3}, True),
+        (SCALAR, {"method": "rk4", "save_every": 1}, False),
+    ],
+)
+def test_events_that_end_members_are_found_in_lanes(form, options, own_step):
     """Some members end before they diverge, and some at a step; a zero of g in the other direction ends none."""
     m = 140
     p = np.column_stack([np.where(np.arange(m) % 35 == 3, 1e5, np.linspace(1, 10, m)), np.linspace(-1.4, 1.4, m)])
-    scalar = linear_spring, np.linspace(0.5, 1.5, m), np.zeros(m), eig3.Event(above_level, direction=-1, terminal=True)
-    vector = two_springs, np.ones((m, 2)), np.zeros((m, 2)), eig3.Event(below_bound_of_two, terminal=True)
-    for rhs, u0, v0, event in (scalar, vector):
-        h = np.linspace(0.01, 0.02, m) if own_step else np.full(m, 0.02)
-        given = {"events": {"bound": event, "late": eig3.Event(after_four, terminal=True)}, **options}
-        alone = [
-            eig3.integrate(rhs, (0, 5), u0[i], v0[i], h=h[i], params=p[i], **{"save_every": None, **given})
-            for i in range(m)
-        ]
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(eig3.Prepared, "member", None)  # no member runs alone
-            runs = eig3.ensemble(rhs, (0, 5), u0, v0, h=h if own_step else 0.02, params=p, **given)
-        for member, one in zip(runs, alone, strict=True):
-            assert (member.status, member.message) == (one.status, one.message)
-            assert member.n_steps == one.n_steps
-            assert member.n_rhs <= one.n_rhs  # which searches also steps in which nothing ends it
-            for field in "tuv":
-                np.testing.assert_allclose(getattr(member, field), getattr(one, field), rtol=1e-9, atol=1e-11)
-            for name, found in one.events.items():
-                for field in ("t", "u", "v", "u_after", "v_after"):
-                    ours = getattr(member.events[name], field)
-                    np.testing.assert_allclose(ours, getattr(found, field), rtol=1e-9, atol=1e-11)
+    if form is SCALAR:
+        rhs, u0, v0 = linear_spring, np.linspace(0.5, 1.5, m), np.zeros(m)
+        event = eig3.Event(above_level, direction=-1, terminal=True)
+    else:
+        rhs, u0, v0 = two_springs, np.ones((m, 2)), np.zeros((m, 2))
+        event = eig3.Event(below_bound_of_two, terminal=True)
+    h = np.linspace(0.01, 0.02, m) if own_step else np.full(m, 0.02)
+    given = {"events": {"bound": event, "late": eig3.Event(after_four, terminal=True)}, **options}
+    alone = [
+        eig3.integrate(rhs, (0, 5), u0[i], v0[i], h=h[i], params=p[i], **{"save_every": None, **given})
+        for i in range(m)
+    ]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(eig3.Prepared, "member", None)  # no member runs alone
+        runs = eig3.ensemble(rhs, (0, 5), u0, v0, h=h if own_step else 0.02, params=p, **given)
+    for member, one in zip(runs, alone, strict=True):
+        assert (member.status, member.message) == (one.status, one.message)
+        assert member.n_steps == one.n_steps
+        assert member.n_rhs <= one.n_rhs  # which searches also steps in which nothing ends it
+        for field in "tuv":
+            np.testing.assert_allclose(getattr(member, field), getattr(one, field), rtol=1e-9, atol=1e-11)
+        for name, found in one.events.items():
+            for field in ("t", "u", "v", "u_after", "v_after"):
+                ours = getattr(member.events[name], field)
+                np.testing.assert_allclose(ours, getattr(found, field), rtol=1e-9, atol=1e-11)
 
 
 def test_members_that_begin_at_the_zero_of_an_event_end_as_single_runs():

@@ -278,7 +278,7 @@ def test_files_and_extension_have_z(options, tmp_path):
 @pytest.mark.parametrize(
     "options",
     [{"h": 0.01, "method": name} for name in ("eig3", "cd", "rk4", "ab3", "eig5")]
-    + [{"rtol": 1e-8, "method": name} for name in ("rk5", "rk8")],
+    + [{"rtol": 1e-8, "method": "rk8"}],
     ids=lambda options: options["method"],
 )
 def test_members_run_in_lanes(options):
@@ -337,14 +337,14 @@ def test_errors_and_accuracy_of_z():
 
 def test_sensitivities_and_fits_find_z0():
     problem = eig3.Problem("solid", solid, [1.0], [0.3], P, (0.0, END), z0={"stretch": 0.2})
-    found = eig3.sensitivities(problem, ["stretch", "p[2]"], h=0.01, method="rk8")
+    found = eig3.sensitivities(problem, ["stretch", "p[2]"], h=2e-3, method="rk4")
     assert found["stretch"].z["stretch"][-1] == pytest.approx(exact(END, start=[0, 0, 1])[2], abs=1e-9)
     step = np.array([0, 0, 1e-5])
     difference = (exact(END, P + step)[0] - exact(END, P - step)[0]) / 2e-5
     assert found["p[2]"].u[-1, 0] == pytest.approx(difference, abs=1e-7)
     t = np.linspace(0, END, 31)
     measured = np.array([exact(x, start=[1.0, 0.3, 0.35])[:1] for x in t])
-    fitted = eig3.fit(problem, (t, measured), ["stretch", "p[2]"], h=0.01, method="rk8")
+    fitted = eig3.fit(problem, (t, measured), ["stretch", "p[2]"], h=2e-3, method="rk4")
     assert fitted.values["stretch"] == pytest.approx(0.35, abs=1e-6)
 
 

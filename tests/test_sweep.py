@@ -17,7 +17,7 @@ from eig3.sweep.measures import Measure
 from eig3.sweep.parameters import Parameters
 from eig3.sweep.study import Study
 
-from .conftest import position
+from .conftest import falling, position, rebound
 
 ROUND_OFF = 1e-10  # of short regular motions: the lanes fuse other multiply-adds than a single run
 
@@ -101,20 +101,10 @@ def test_members_with_another_right_hand_side_run_in_a_group_of_their_own():
     assert len(rhs) == 4
 
 
-@eig3.jit
-def falling(t, u, v, p):
-    return -1.0
-
-
-@eig3.jit
-def rebound(t, u, v, p):
-    return 0.0, -0.5 * v
-
-
 def falling_on(floor: int = 0, u0: float = 0.5, t_end: float = 1.75):
     """A floor that is not there, one that throws the ball back, or one that ends the run."""
     floors = {}, {"floor": eig3.Event(position, apply=rebound)}, {"floor": eig3.Event(position, terminal=True)}
-    return eig3.Problem("falling_on", falling, u0=u0, v0=0.0, params=(), t_span=(0.0, t_end), events=floors[floor])
+    return eig3.Problem("falling_on", falling, u0=u0, v0=0.0, params=1.0, t_span=(0.0, t_end), events=floors[floor])
 
 
 def test_members_with_other_events_run_in_a_group_of_their_own():
