@@ -277,8 +277,7 @@ def test_files_and_extension_have_z(options, tmp_path):
 
 @pytest.mark.parametrize(
     "options",
-    [{"h": 0.01, "method": name} for name in ("eig3", "cd", "rk4", "ab3", "eig5")]
-    + [{"rtol": 1e-8, "method": "rk8"}],
+    [{"h": 0.01, "method": name} for name in ("eig3", "cd", "rk4", "ab3", "eig5")] + [{"rtol": 1e-8, "method": "rk8"}],
     ids=lambda options: options["method"],
 )
 def test_members_run_in_lanes(options):
