@@ -244,7 +244,7 @@ def clear_estimate(solution: Any, near: Companion, far: Companion) -> ErrorEstim
         return None
     differences = Differences.of(solution, near, far, _scale(solution.u))
     seen = differences.ratio()
-    observed = None if seen is None else _order(seen, far.ratio, near.ratio)
+    observed = None if seen is None else float(_order(seen, far.ratio, near.ratio))
     if observed is None or abs(observed - solution.method.order) > _CLEAR or not differences.is_whole:
         return None
     error = estimate(solution, near, far, coarser=near.ratio**observed)
@@ -360,7 +360,7 @@ def _by_order(
     seen: float | None, fine: Companion, coarse: Companion | None, order: int, is_tiny: bool, notes: list[str]
 ) -> tuple[float | None, float]:
     """Return the observed order and the factor of the differences from the finer run."""
-    observed = None if seen is None or coarse is None else _order(seen, coarse.ratio, fine.ratio)
+    observed = None if seen is None or coarse is None else float(_order(seen, coarse.ratio, fine.ratio))
     is_known = observed is not None and observed <= order + _ABOVE
     if is_tiny and not (is_known and observed and observed >= order - _BELOW):
         notes.append(_NEAR_ROUND_OFF)
@@ -374,12 +374,13 @@ def _by_order(
     return observed, 1 / (1 - fine.ratio ** max(_LEAST_ORDER, observed or order))
 
 
-def _order(seen: float, c: float, r: float) -> float:
-    """Solve (c^p - 1) / |1 - r^p| = seen for p."""
-    low, high = _LOWEST, _HIGHEST
+def _order(seen: Any, c: Any, r: Any) -> Any:
+    """Solve (c^p - 1) / |1 - r^p| = seen for p, for numbers or arrays of shape (m,)."""
+    low, high = np.full(np.shape(seen), _LOWEST), np.full(np.shape(seen), _HIGHEST)
     for _ in range(50):
         middle = (low + high) / 2
-        low, high = (middle, high) if (c**middle - 1) / abs(1 - r**middle) < seen else (low, middle)
+        is_low = (c**middle - 1) / np.abs(1 - r**middle) < seen
+        low, high = np.where(is_low, middle, low), np.where(is_low, high, middle)
     return low
 
 
@@ -441,13 +442,9 @@ def _factors(solution: Any, seen: np.ndarray, fine: tuple, coarse: tuple) -> tup
     if solution.steps is not None:
         return 1 / (1 - 1 / seen), np.full(len(seen), np.nan), (seen >= _LEAST_RATIO) & np.isfinite(seen)
     order, (r, c) = solution.method.order, (x.h / solution.h for x, _ in (fine, coarse))
-    low, high = np.full(len(seen), _LOWEST), np.full(len(seen), _HIGHEST)
-    for _ in range(50):
-        middle = (low + high) / 2
-        is_low = (c**middle - 1) / np.abs(1 - r**middle) < seen
-        low, high = np.where(is_low, middle, low), np.where(is_low, high, middle)
-    is_clear = (low >= order - _BELOW) & (low <= order + _ABOVE)
-    return np.abs(1 / (1 - r ** np.maximum(_LEAST_ORDER, low))), low, is_clear
+    observed = _order(seen, c, r)
+    is_clear = (observed >= order - _BELOW) & (observed <= order + _ABOVE)
+    return np.abs(1 / (1 - r ** np.maximum(_LEAST_ORDER, observed))), observed, is_clear
 
 
 def _are_at_same_times(one: Any, other: Any) -> bool:

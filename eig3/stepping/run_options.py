@@ -90,7 +90,7 @@ def _remembered(check: Callable[..., RunOptions]) -> Callable[..., RunOptions]:
 
     @functools.wraps(check)
     def checked(*layout: Layout | None, **options: Any) -> RunOptions:
-        with suppress(TypeError):  # an array or a dict cannot be remembered, or an option is not valid
+        with suppress(TypeError, ValueError):  # an array cannot be remembered, or an option is not valid
             return known(*layout, **options)
         return check(*layout, **options)
 
