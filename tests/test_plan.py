@@ -16,7 +16,7 @@ from eig3.cli import main
 from eig3.effects import LinearDamper, LinearSpring
 from eig3.functions.checks import check_method
 from eig3.methods import LIBRARY
-from eig3.planning import pilots, planner, step_search
+from eig3.planning import kinds, pilots, planner, step_search
 from eig3.scene import Scene
 
 OTHER_GRADES = [
@@ -453,25 +453,50 @@ def test_what_rules_a_method_out(method, other, expected):
     assert planner._ruled_out(check_method(method), [other], best) == expected
 
 
+# Kinds of motions ----------------------------------------------------------------------------------------------------
+
+
+@eig3.jit
+def stiffer_one_way(t, u, v, p):
+    return -u if u < 0 else -2.0 * u
+
+
 @pytest.mark.parametrize(
-    ("times", "expected"),
+    ("problem", "kind"),
     [
-        ({"rk8": 1.0}, ""),
-        ({"rk8": 1.0, "rkn12": 2.0}, ""),
-        ({"rk8": 2.0, "rkn12": 1.0}, "RKN12 is faster than RK8, and the order of RK5 is still lower"),
+        (problems.single_dof(t_end=10.0), "the motion takes few steps"),
+        (problems.elastic_bar(n=100, width=0.2, t_end=1e-3), "stability limits the step"),
+        (problems.kepler(e=0.9), "the speed varies much"),
+        (eig3.Problem("kinks", stiffer_one_way, 1.0, 0.0, (), (0.0, 300.0)), "the force has kinks"),
+        (problems.single_dof(), "the motion is smooth and even"),
     ],
 )
-def test_which_orders_are_not_tried_with_tolerances(times, expected):
-    tried = [searched(name, seconds=seconds) for name, seconds in times.items()]
-    assert planner._tolerances_ruled_out(check_method("rk5"), tried) == expected
+def test_a_plan_knows_the_kind_of_the_motion(problem, kind):
+    first = step_search.guide(pilots.Pilots(problem, "trajectory", 1e-4))
+    assert kinds.kind_of(first).name == kind
 
 
-@pytest.mark.parametrize(
-    ("fixed", "expected"), [(5.0, ""), (12.0, "with a fixed step, RK8 takes 12 times as long as with tolerances")]
-)
-def test_an_uneven_motion_rules_fixed_steps_out(fixed, expected):
-    tried = [searched("rk8", seconds=1.0), searched("rkn12", seconds=0.1)]
-    assert planner._fixed_steps_ruled_out(searched("rk8", seconds=fixed), tried) == expected
+def test_few_methods_are_compiled():
+    """A method takes about a second to compile; the reference method is one of the four."""
+    plan = eig3.plan(problems.single_dof(), 1e-6)
+    assert {p.method.name for p in plan.predictions if "usually slower" not in p.note} == {
+        "rk8",
+        "rkn12",
+        "bm6",
+        "eig12",
+    }
+
+
+@pytest.mark.parametrize("e", [0.0, 0.3, 0.6])
+def test_unevenness_of_an_orbit(e):
+    """The scale of time at the radius r is r^1.5: local errors are (h / r^1.5)^9, up to a factor of the state."""
+    anomaly = np.linspace(0, 2 * np.pi, 100_000)
+    r = 1 - e * np.cos(anomaly)  # dt = r d(anomaly)
+    longest = np.mean(r * r ** (-1.5 * 9)) ** (1 / 8) / np.mean(r * r**-1.5) ** (9 / 8)
+    problem = problems.kepler(e=e)
+    runs = pilots.Pilots(problem, "trajectory", 1e-6)
+    first = step_search.guide(runs)
+    assert runs.unevenness(runs.span / first.steps) == pytest.approx(longest, rel=0.35)
 
 
 # Other packages ------------------------------------------------------------------------------------------------------

@@ -40,6 +40,8 @@ _VERY_SHORT = 0.0005  # and a shorter run more often
 _LONGEST_TIMED = 0.02  # longest run that measures the time of a step, s
 _IMPLICIT = 2  # least number of evaluations per step of an implicit method
 _CALL = 16  # overhead of an evaluation, in degrees of freedom of a long vector
+_COMPARED = 31  # states at which a run with tolerances is compared with the reference
+_ABOVE_ROUND_OFF = 1e-10  # relative error of a step that round-off does not change
 _LATEST = 10.0  # processor time, s, after which no optional run begins
 _LONGEST_PIECE = 0.25  # time of a piece of a run, s
 CONVERGING = 0.2  # above this relative error, the error at a smaller step cannot be predicted
@@ -51,7 +53,7 @@ _REST = 1e-3  # with a smaller acceleration at the start, relative to the larges
 class History:
     """The cost of a run, some of its states and, if computed, the largest change of the energy.
 
-    If a run was stopped early, `seconds` and `n_rhs` are extrapolated.
+    If a run was stopped early, `seconds` and `n_rhs` are extrapolated. With tolerances, h is not a number.
     """
 
     seconds: float
@@ -61,6 +63,8 @@ class History:
     v: np.ndarray
     drift: float
     is_whole: bool
+    method: Method
+    h: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -108,7 +112,8 @@ class Pilots:
         self._compiled: set[tuple[Method, str]] = set()
         self._events = {name: event for name, event in problem.events.items() if event.apply is not None}
         self._survey: History | None = None
-        self._reference: np.ndarray | None = None  # the states of the reference run, if errors are relative to it
+        self._seen: History | None = None  # the last run of the reference method
+        self._reference: History | None = None  # the reference run, with the exact displacements if they are known
         self._growth: float | None = None  # ratio of the errors over the whole span and in the window, if known
         self._largest = math.inf  # a motion that is larger is unstable
         self._sizes = -np.ones(2)  # the largest |u| and |v| of the motion; negative if none is known
@@ -170,11 +175,12 @@ class Pilots:
     def refer_to(self, history: History) -> None:
         """Set the reference for the errors of runs; the exact motion is used instead if it is known."""
         exact = self.problem.exact if self.window[0] == self.problem.t_span[0] else None
-        self._reference = exact(history.t)[0] if exact else history.u
+        self._reference = replace(history, u=exact(history.t)[0]) if exact else history
         self.note_sizes(history)
 
     def note_sizes(self, history: History) -> None:
         """Make errors relative to the displacements of this run, or of the whole span if they are larger."""
+        self._seen = history
         if self.part == 1:
             self._survey = history
         known = 0.0 if self._survey is None else self._sizes_of(self._survey)
@@ -284,8 +290,8 @@ class Pilots:
         if not solution.success:
             return solution.message
         drift = solution.drift["energy"] / abs(self._start_energy) if self._energy else 0.0
-        n_rhs = self.evaluations(method) * (solution.n_steps + solution.n_rejected)  # without evaluations for t_eval
-        history = History(solution.kernel_seconds, n_rhs, solution.t, solution.u, solution.v, drift, True)
+        n_rhs = self.evaluations(method) * (solution.n_steps + solution.n_rejected)
+        history = History(solution.kernel_seconds, n_rhs, solution.t, solution.u, solution.v, drift, True, method)
         return self.judged(solution.n_steps, history)
 
     def judged(self, n_steps: int, history: History) -> Run:
@@ -368,7 +374,7 @@ class Pilots:
             t = self.window[0] + h * every * np.arange(1, seen + 1)
             u, v = u[:seen], v[:seen]
         is_whole = decayed or stepper.index == n_steps
-        return History(stepper.seconds * whole, stepper.n_rhs * whole, t, u, v, drift, is_whole)
+        return History(stepper.seconds * whole, stepper.n_rhs * whole, t, u, v, drift, is_whole, method, h)
 
     @property
     def size(self) -> float:
@@ -379,25 +385,52 @@ class Pilots:
         u = max(u, np.abs(self._motion(self._u0)).max())
         return float(u) if v * self.span > _STILL * u else math.nan
 
-    def _stepper(self, method: Method, h: float) -> Stepper:
-        """Return a stepper at the start, with the events that change the motion."""
-        t0 = self.window[0]
+    def _stepper(self, method: Method, h: float, start: tuple[float, Any, Any] | None = None) -> Stepper:
+        """Return a stepper at the start, or at another time, u and v, with the events that change the motion."""
+        t0, u0, v0 = start or (self.window[0], self._u0, self._v0)
         options: dict[str, Any] = {"h": h, "t0": t0, "params": self.problem.params, "method": method}
         if not self._events:
-            return Stepper(self.problem.rhs, self._u0, self._v0, **options)
-        u, v, form = check_state(self._u0, self._v0)
+            return Stepper(self.problem.rhs, u0, v0, **options)
+        u, v, form = check_state(u0, v0)
         system = System(self.problem.rhs, form, RunOptions(h=h, method=method, events=self._events))
         return Stepper.of(system, t0, h, u, v, guarded(check_params(self.problem.params)))
+
+    def unevenness(self, h: float) -> float:
+        """How many times more steps of equal length than of equal error the reference method takes, about.
+
+        `h` is doubled until the error of a single step is above round-off.
+        """
+        errors = self._errors_of_single_steps(h)
+        while np.median(errors) < _ABOVE_ROUND_OFF and 2 * h < self.part * self.span:
+            h *= 2
+            errors = self._errors_of_single_steps(h)
+        assert self._seen is not None
+        order = self._seen.method.order
+        return float(np.mean(errors) ** (1 / order) / np.mean(errors ** (1 / (order + 1))) ** (1 + 1 / order))
+
+    def _errors_of_single_steps(self, h: float) -> np.ndarray:
+        """Return the differences of one step from two steps of half the length, at states of the last known run."""
+        seen = self._seen
+        assert seen is not None
+        errors = []
+        for row in np.linspace(0, len(seen.t), _COMPARED, endpoint=False).astype(int):
+            start = float(seen.t[row]), seen.u[row], seen.v[row]
+            one, two = (self._stepper(seen.method, h / count, start) for count in (1, 2))
+            one.advance(1)
+            two.advance(2)
+            changes = np.array([np.abs(self._motion(a - b)).max() for a, b in ((one.u, two.u), (one.v, two.v))])
+            error = float((changes / self._sizes).max())
+            errors.append(error if math.isfinite(error) else 1.0)
+        return np.clip(errors, 1e-16, 1.0)
 
     def _solve(
         self, method: Method, rtol: float, most: int, *, follow: bool = False, every: int | None = None
     ) -> Solution:
         """Run with tolerances over the part of the span; with `follow`, keep the data for the error."""
+        if follow and self.needs_reference:
+            every = math.ceil(most * np.size(self._u0) / _FOLLOWED)
         options: dict[str, Any] = {"save_every": every, "events": self._events}
         options |= tolerances(rtol, self.sizes, self.h_max)
-        if follow and self.needs_reference:
-            assert self._reference is not None
-            options["t_eval"] = np.linspace(*self.window, len(self._reference) + 1)[1:]
         if follow and self._energy:
             options["invariants_every"] = 1
         else:
@@ -444,12 +477,40 @@ class Pilots:
         if not self.needs_reference:
             return history.drift, 1.0
         assert self._reference is not None
-        u = history.u
-        both = math.gcd(len(u), len(self._reference))
-        u, known = (self._motion(x[len(x) // both - 1 :: len(x) // both]) for x in (u, self._reference))
-        errors = np.abs(u - known).reshape(both, -1).max(axis=1) / self.size
-        error, half = float(errors.max()), float(errors[: both // 2].max())
+        if math.isnan(history.h):
+            t, u, known = self._at_some_steps(history)
+        else:
+            both = math.gcd(len(history.u), len(self._reference.u))
+            t, u, known = (x[len(x) // both - 1 :: len(x) // both] for x in (history.t, history.u, self._reference.u))
+        errors = np.abs(self._motion(u) - self._motion(known)).reshape(len(t), -1).max(axis=1) / self.size
+        error, half = float(errors.max()), float(errors[t <= sum(self.window) / 2].max(initial=0.0))
         return error, min(2.0, max(0.0, math.log2(error / half))) if half > 0 else 1.0
+
+    def _at_some_steps(self, history: History) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return times of a run with tolerances, its displacements, and the reference at these times.
+
+        Dense output would compile more kernels; the reference method takes some more steps instead.
+        """
+        rows = np.unique(np.linspace(0, len(history.t) - 1, _COMPARED + 1).astype(int)[1:])
+        known = [self._reference_at(float(t)) for t in history.t[rows]]
+        return history.t[rows], history.u[rows], np.array(known)
+
+    def _reference_at(self, t: float) -> Any:
+        """Return the displacement of the reference at any time in the window."""
+        reference = self._reference
+        assert reference is not None
+        if self.problem.exact and self.window[0] == self.problem.t_span[0]:
+            return self.problem.exact(np.array([t]))[0][0]
+        row = int(np.searchsorted(reference.t, t, side="right")) - 1
+        start = self.window[0], self._u0, self._v0
+        if row >= 0:
+            start = float(reference.t[row]), reference.u[row], reference.v[row]
+        count = math.ceil((t - start[0]) / reference.h)
+        if count == 0:
+            return start[1]
+        stepper = self._stepper(reference.method, (t - start[0]) / count, start)
+        stepper.advance(count)
+        return stepper.u
 
 
 def save_every(problem: Problem, n_steps: int) -> int:

@@ -15,15 +15,13 @@ from ..methods import EIG, LIBRARY, Method
 from ..notebook import grid
 from ..problem import Problem
 from ..result.solution import Solution
+from .kinds import kind_of
 from .other_packages import faster_elsewhere
 from .pilots import Pilots, save_every, tolerances
-from .step_search import NO_TIME, SCOUT, Search, guide
+from .step_search import NO_TIME, Search, guide
 from .tolerance_search import VARIABLE, ToleranceSearch
 
 EXTRAPOLATED = "extrapolated from longer steps"  # the note of a less accurate prediction
-_HIGH = tuple(f"eig{grade}" for grade in (8, 9, 10, 11, 12, 13, 7, 6))
-#: The order in which the methods are tried: a good method found early shortens the runs of the others.
-_FIRST = ("eig5", "eig4", "eig3", "cd", "bm6", "rk8", "rkn12", *_HIGH, "rk5", "rk4")
 _WEAK_ORDERS = (5, 6, 9, 10)  # without damping, EIG methods of these orders grow at every step
 #: Aim for this fraction of the accuracy. The trajectory error is measured at fewer states than the energy error.
 _AIM = {"trajectory": 0.75, "energy": 0.9}
@@ -35,7 +33,6 @@ _TIMED_SECONDS = 0.2  # time of the last comparison,
 _TIMED_RUNS = 3, 15  # and the least and largest number of runs of each method in it
 _SLOW = 2.0  # a method that takes this multiple of the best time is abandoned
 _HOPELESS = 4.0  # a method of no higher order and no fewer evaluations is at most faster by this factor
-_UNEVEN = 8.0  # if the guide is faster with tolerances by this factor, no method with a fixed step can be the fastest
 _CLOSE = 1.6  # methods predicted to take at most this multiple of the shortest time are timed
 _RULED_OUT = "ruled out: "
 _HEAD = {"h": 9, "steps": 9, "evaluations": 12, "seconds": 9, "error": 8}  # the columns of a plan, and their widths
@@ -223,7 +220,7 @@ def plan(
         "energy". For "trajectory", all degrees of freedom should have the same unit or be scaled.
     methods : sequence of str or Method, optional
         The methods to compare. Each method gets a prediction, and RK5, RK8 and RKN12 a second prediction with
-        tolerances. By default all methods are compared, and methods that cannot be the fastest are ruled out.
+        tolerances. By default the two to five methods are compared that are fast for this kind of motion.
 
     Returns
     -------
@@ -241,9 +238,9 @@ def plan(
     The pilot runs of most problems take less than two seconds, and at most some ten times as long as the fastest stable
     run of the whole span if that takes longer than a tenth of a second. No pilot run begins that is expected to end
     after ten seconds of processor time. The first plan on a machine also compiles a kernel for each method that it
-    tries, which takes some seconds each; with events, it may take a minute. `pilot_seconds` and `compile_seconds` of
+    tries: three to six seconds for a small system, and longer with events. `pilot_seconds` and `compile_seconds` of
     the plan are the two times. The page eig3/diagnosis/README.md says how the reference and the steps are found, and
-    which methods are ruled out.
+    which methods are tried.
     """
     if not isinstance(problem, Problem):
         raise TypeError(f"problem must be an eig3.Problem, not {type(problem).__name__}.")
@@ -264,7 +261,7 @@ def plan(
                 f"problem must have no terminal event, such as {name!r} of {problem.name}: let t_span end where it "
                 "occurs, and leave it out, with problem.with_(t_span=..., events={})."
             )
-    records = [check_method(method) for method in (_in_order_of_trial() if methods is None else methods)]
+    records = [check_method(method) for method in (LIBRARY if methods is None else methods)]
     if methods is None:
         records = _for(problem, records)
     if not records:
@@ -293,10 +290,6 @@ def plan(
     )
 
 
-def _in_order_of_trial() -> list[str]:
-    return sorted(LIBRARY, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
-
-
 def _for(problem: Problem, methods: Sequence[Method]) -> list[Method]:
     """The methods that are valid for the problem."""
     fit = [method for method in methods if not (method.ignores_velocity and problem.uses_velocity)]
@@ -305,69 +298,38 @@ def _for(problem: Problem, methods: Sequence[Method]) -> list[Method]:
 
 def _choose(first: Search, records: list[Method]) -> list[Prediction]:
     """The predictions of the methods that may be the fastest, and the reasons why the others are not."""
-    pilots = first.pilots
-    enough = _end_of_search(first)
+    pilots, kind, enough = first.pilots, kind_of(first), _end_of_search(first)
     best: AnySearch = first
+    variable = [ToleranceSearch(pilots, m) for m in _for(pilots.problem, VARIABLE) if m.name in kind.variable]
+    for tolerant in variable:
+        tolerant.run(first, longest=_SLOW * best.seconds, enough=enough)
+        best = min(best, tolerant, key=_seconds)
+    names = dict.fromkeys([first.method.name, *kind.fixed])
+    fitting = [m for name in names for m in records if m.name == name] or records
+    ruled_out = [_failure(m, f"{_RULED_OUT}usually slower where {kind.name}") for m in records if m not in fitting]
     fixed: list[Search] = []
-    variable: list[ToleranceSearch] = []
-    ruled_out = []
-    for search in _in_order(first, records):
-        longest, reason = _SLOW * best.seconds, ""
-        if isinstance(search, ToleranceSearch):
-            reason = _tolerances_ruled_out(search.method, variable)
-        elif search is not first and search.method != best.method:
-            reason = _fixed_steps_ruled_out(first, variable) or _ruled_out(search.method, fixed, best)
+    for method in fitting:
+        search = first if method == first.method else Search(pilots, method)
+        reason = "" if search is first else _ruled_out(method, fixed, best)
         if not reason and search is not first and pilots.spent > enough:
             reason = NO_TIME
-        if not reason and isinstance(search, ToleranceSearch):
-            search.run(first, longest=longest, enough=enough)
-            variable.append(search)
-        elif not reason and isinstance(search, Search):
-            search.run(best, longest=longest, enough=enough)
+        if not reason:
+            search.run(best, longest=_SLOW * best.seconds, enough=enough)
             fixed.append(search)
-            if not search.runs:
-                reason = NO_TIME
-            elif not search.steps:
-                reason = f"in {_SLOW:g} times the time of {best.label}, {search.verdict}"
+            reason = _without_steps(search, best)
         if reason:
-            ruled_out.append(_failure(search.method, _RULED_OUT + reason, search.rtol))
+            ruled_out.append(_failure(method, _RULED_OUT + reason))
         best = min(best, search, key=_seconds)
     failed = [_failed(search) for search in variable if not search.steps]
     found: list[AnySearch] = [*variable, *fixed]
     return _timed([search for search in found if search.steps]) + failed + ruled_out
 
 
-def _in_order(first: Search, records: list[Method]) -> list[AnySearch]:
-    """The searches in the order in which they run: a good method found early shortens the runs of the others.
-
-    If stability limits the step, tolerances do not lengthen it, and methods with few evaluations come first.
-    """
-    pilots = first.pilots
-    fixed: list[AnySearch] = [first if method == first.method else Search(pilots, method) for method in records]
-    variable: list[AnySearch] = [ToleranceSearch(pilots, method) for method in _for(pilots.problem, VARIABLE)]
-    if not first.is_limited:
-        return variable + fixed
-    return sorted(fixed, key=lambda search: search.method != SCOUT) + variable
-
-
-def _tolerances_ruled_out(method: Method, tried: Sequence[ToleranceSearch]) -> str:
-    """The reason why a method with tolerances cannot be the fastest; empty if it may be the fastest.
-
-    The time is a function of the order with one minimum.
-    """
-    higher = sorted((s for s in tried if s.method.order > method.order), key=lambda s: s.method.order)
-    if len(higher) > 1 and higher[1].seconds < higher[0].seconds:
-        return f"{higher[1].label} is faster than {higher[0].label}, and the order of {method.label} is still lower"
-    return ""
-
-
-def _fixed_steps_ruled_out(first: Search, tried: Sequence[ToleranceSearch]) -> str:
-    """The reason why no fixed step can be the fastest; empty if one may be the fastest."""
-    for search in tried:
-        if search.method == first.method and first.seconds > _UNEVEN * search.seconds:
-            factor = first.seconds / search.seconds
-            return f"with a fixed step, {first.label} takes {factor:.2g} times as long as with tolerances"
-    return ""
+def _without_steps(search: Search, best: AnySearch) -> str:
+    """The reason why the search has not found a number of steps; empty if it has."""
+    if search.steps:
+        return ""
+    return f"in {_SLOW:g} times the time of {best.label}, {search.verdict}" if search.runs else NO_TIME
 
 
 def _ruled_out(method: Method, tried: Sequence[Search], best: AnySearch) -> str:

@@ -262,17 +262,17 @@ class Search(Timed):
     def order(self) -> float:
         """The order of convergence over the two runs with the most steps, or otherwise the order of the method."""
         known = float(self.method.order)
-        return min(2 * known, max(known / 2, self._observed)) if self._observed else known
+        return min(2 * known, max(known / 2, self.observed)) if self.observed else known
 
     @property
-    def _observed(self) -> float | None:
+    def observed(self) -> float | None:
         converging = [run for run in self.runs if run.error < CONVERGING][-2:]
         return self._slope(*converging) if len(converging) == 2 else None
 
     @property
     def follows_order(self) -> bool:
         """Whether the error decreases with the step as the order predicts, and can be extrapolated."""
-        return self._observed is not None and not self.is_limited and not self.is_stalled
+        return self.observed is not None and not self.is_limited and not self.is_stalled
 
     @property
     def is_far_off(self) -> bool:
@@ -294,7 +294,7 @@ class Search(Timed):
     def is_stalled(self) -> bool:
         """Whether round-off prevents a decrease of the error."""
         before = self.runs[-2].error if len(self.runs) > 1 else math.inf
-        return before < _ROUND_OFF and (self._observed or 0.0) < _STALLED
+        return before < _ROUND_OFF and (self.observed or 0.0) < _STALLED
 
     @property
     def steps(self) -> int:

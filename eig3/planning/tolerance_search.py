@@ -65,7 +65,8 @@ class ToleranceSearch(Timed):
             self.runs.append((rtol, run))
             rtol = None if self._good and pilots.spent > enough else self._next()
         if self._good:
-            self.pace = pilots.time_of_a_step_with_tolerance(method, self.rtol, self.steps, self._good[1].seconds)
+            self.pace = self._good[1].seconds
+            self.pace = min(self.pace, self.time_a_step())
         elif self.runs:
             last, run = self.runs[-1]
             self.failure = self.failure or f"its error is {run.error:.1e} with rtol = {last:g}"
