@@ -252,9 +252,12 @@ def assert_as_single(found, one, i, atol=1e-10):
         np.testing.assert_allclose(found.events[name].first[i], first, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("sight", SIGHTS)
-@pytest.mark.parametrize("method", ["rk5", "eig3", "rkn12"])  # the next test has rk8
-def test_events_and_times_are_those_of_single_runs(sight, method, in_lanes):
+@pytest.mark.parametrize(
+    ("method", "sight"),  # the next test has rk8
+    [("rk5", sight) for sight in SIGHTS]
+    + [(method, sight) for method in ("eig3", "rkn12") for sight in ("logged", "times and resets", "times at an end")],
+)
+def test_events_and_times_are_those_of_single_runs(method, sight, in_lanes):
     options = {"rtol": 1e-5 if method == "eig3" else 1e-8, "method": method, **SIGHTS[sight]}
     found = eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, params=PLACES, **options)
     assert not found.notes
@@ -370,9 +373,11 @@ OBSERVED = {
 }
 
 
-@pytest.mark.parametrize("observed", OBSERVED)
-@pytest.mark.parametrize("method", ["rk5", "rkn12"])
-def test_quantities_and_saved_states_are_those_of_single_runs(observed, method, in_lanes):
+@pytest.mark.parametrize(
+    ("method", "observed"),
+    [("rk5", observed) for observed in OBSERVED] + [("rkn12", observed) for observed in ("saved", "all at times")],
+)
+def test_quantities_and_saved_states_are_those_of_single_runs(method, observed, in_lanes):
     options = {"rtol": 1e-8, "method": method, **OBSERVED[observed]}
     found = eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, params=PLACES, **options)
     assert not found.notes
