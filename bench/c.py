@@ -23,7 +23,7 @@ from eig3.command_line import add_methods
 from eig3.methods import METHODS
 from eig3.problem import Problem
 
-from . import handwritten, loops, text
+from . import loops, text
 from .choices import add_repeats, choose
 from .environment import in_words
 from .timing import Storage, interleave
@@ -169,9 +169,8 @@ def benchmark(
 def compare(
     problem: Problem, h: float, method: str, libraries: dict[str, Library], repeats: int
 ) -> dict[str, list[float]]:
-    """The seconds of each column for one method on one problem, and of the loop by hand, the floor."""
+    """The seconds of each column for one method on one problem, and of the floor, a lower bound."""
     storage = Storage.for_steps(problem, loops.N_STEPS)
-    floor = handwritten.floor_pair if loops.is_vector(problem) else handwritten.floor_scalar
     runs = {
         column: libraries[flags].loop(problem, h, method, storage, inline=inline)
         for column, (flags, inline) in _IN_C.items()
@@ -179,7 +178,7 @@ def compare(
     }
     runs["pointer"] = loops.kernel_loop(problem, h, method, storage, inline=False)
     runs["inline"] = loops.kernel_loop(problem, h, method, storage, inline=True)
-    runs["floor"] = loops.hand_loop(problem, h, floor, storage, inline=True)
+    runs["floor"] = loops.floor_loop(problem, h, storage)
     return interleave(runs, repeats, f"{problem.name}, {method}")
 
 

@@ -23,6 +23,12 @@ def add_repeats(parser: argparse.ArgumentParser, default: int) -> None:
     parser.add_argument("--repeats", type=count, default=default, help=f"runs for each median ({default})")
 
 
+def add_longest(parser: argparse.ArgumentParser, default: float, of: str = "") -> None:
+    """Add `--longest S`, the time of a run after which steps are halved no more."""
+    text = f"halve the steps{of} until a run takes this time ({default})"
+    parser.add_argument("--longest", type=float, default=default, metavar="S", help=text)
+
+
 def add_accuracies(parser: argparse.ArgumentParser, default: str) -> None:
     """Add `--accuracies A ...`, the errors to reach; `default` describes those that are used without it."""
     parser.add_argument(

@@ -16,7 +16,7 @@ from eig3.problem import Problem
 from eig3.run.fixed_run import divide
 
 from . import text
-from .choices import add_problems, add_repeats, choose
+from .choices import add_longest, add_problems, add_repeats, choose
 from .environment import in_words
 from .problem_set import PROBLEM_SET, BenchmarkProblem
 from .reach import reach
@@ -52,13 +52,7 @@ HEADER = [
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_problems(parser)
     add_repeats(parser, 9)
-    parser.add_argument(
-        "--longest",
-        type=float,
-        default=LONGEST,
-        metavar="S",
-        help=f"halve the steps of the sweep until a run takes this time ({LONGEST})",
-    )
+    add_longest(parser, LONGEST, " of the sweep")
 
 
 def run(options: argparse.Namespace) -> None:

@@ -15,7 +15,7 @@ from eig3.command_line import Files, add_methods, add_out, method_name
 from eig3.methods import LIBRARY
 
 from . import pictures, text
-from .choices import add_accuracies, add_problems, add_repeats, choose
+from .choices import add_accuracies, add_longest, add_problems, add_repeats, choose
 from .environment import environment, in_words
 from .modes import MODES
 from .problem_set import PROBLEM_SET, VARIABLE_SPEED
@@ -35,13 +35,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--methods", dest="methods", nargs="+", type=method_name, metavar="NAME", help="only these methods"
     )
     add_repeats(parser, REPEATS)
-    parser.add_argument(
-        "--longest",
-        type=float,
-        default=LONGEST,
-        metavar="S",
-        help=f"halve the steps until a run takes this time ({LONGEST})",
-    )
+    add_longest(parser, LONGEST)
     words = "; ".join(f"{name}: {mode.words}" for name, mode in MODES.items())
     parser.add_argument("--mode", choices=MODES, default=next(iter(MODES)), help=f"what is timed ({words})")
     parser.add_argument(

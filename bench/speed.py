@@ -1,4 +1,4 @@
-"""Measure the time per step (ns) of kernels on the article's problems in both modes, and of loops by hand."""
+"""Measure the time per step (ns) of kernels on the article's problems in both modes."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -12,9 +12,9 @@ from .choices import add_repeats, choose
 from .environment import in_words
 from .timing import Storage, medians
 
-SUMMARY = "ns/step of every method, compared with loops written by hand"
+SUMMARY = "ns/step of every method in both modes"
 MODES = ("pointer", "inline")
-HEADER = ["problem, method", "pointer", "by hand", "ratio", "inline", "by hand", "ratio"]
+HEADER = ["problem, method", *MODES]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -39,24 +39,11 @@ def benchmark(*, methods: Sequence[str] | None = None, repeats: int = 9, write: 
         if not (METHODS[name]().ignores_velocity and problem.uses_velocity)
     ]
     write(text.table(HEADER, rows))
-    ratios = [float(row[i]) for row in rows for i in (3, 6) if row[i] != "-"]
-    if ratios:
-        write(f"\nRatio of the kernel to the loop by hand: {min(ratios):.2f} to {max(ratios):.2f}.")
 
 
 def compare(problem: Problem, h: float, name: str, repeats: int) -> list[str]:
-    """The row of one method on one problem, with dashes where no loop is written by hand."""
-    by_hand = loops.by_hand(problem, name)
+    """The row of one method on one problem."""
     storage = Storage.for_steps(problem, loops.N_STEPS)
-    runs = {}
-    for mode in MODES:
-        runs[mode] = loops.kernel_loop(problem, h, name, storage, inline=mode == "inline")
-        if by_hand:
-            runs[f"{mode} by hand"] = loops.hand_loop(problem, h, by_hand, storage, inline=mode == "inline")
+    runs = {mode: loops.kernel_loop(problem, h, name, storage, inline=mode == "inline") for mode in MODES}
     title = f"{problem.name}, {METHODS[name]().label}"
-    ns = {key: 1e9 * seconds / loops.N_STEPS for key, seconds in medians(runs, repeats, title).items()}
-    row = [title]
-    for mode in MODES:
-        ours, theirs = ns[mode], ns.get(f"{mode} by hand")
-        row += [f"{ours:.1f}", *([f"{theirs:.1f}", f"{ours / theirs:.2f}"] if theirs else ["-", "-"])]
-    return row
+    return [title, *(f"{1e9 * s / loops.N_STEPS:.1f}" for s in medians(runs, repeats, title).values())]

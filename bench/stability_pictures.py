@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,14 +101,6 @@ def sets_radius() -> Figure:
     return figure
 
 
-def sets_damping() -> Figure:
-    return _sets("Figure 3: algorithmic damping ratio of EIG-3", damping_ratio, _DAMPING, 1.0)
-
-
-def sets_period() -> Figure:
-    return _sets("Figure 4: relative period error of EIG-3", period_error, _PERIOD, 100.0)
-
-
 def _sets(title: str, function: Callable[[Method, np.ndarray], np.ndarray], ylabel: str, unit: float) -> Figure:
     """A quantity of the principal root up to the limit of each set, or up to 1 if there is no limit."""
     figure, (left, right) = _two_panels(title)
@@ -157,18 +150,11 @@ def methods_radius() -> Figure:
     return figure
 
 
-def methods_damping() -> Figure:
-    figure, axes = _one_panel("Figure 6: algorithmic damping ratio of the methods")
-    _methods(axes, lambda method, bound: (x := _up_to(bound), damping_ratio(method, x)))
-    axes.set(xlim=(0, 3.1), ylabel=_DAMPING)
-    axes.legend(loc="best")
-    return figure
-
-
-def methods_period() -> Figure:
-    figure, axes = _one_panel("Figure 7: relative period error of the methods")
-    _methods(axes, lambda method, bound: (x := _up_to(bound), 100 * period_error(method, x)))
-    axes.set(xlim=(0, 3.1), ylabel=_PERIOD)
+def _to_limit(title: str, function: Callable[[Method, np.ndarray], np.ndarray], ylabel: str, unit: float) -> Figure:
+    """A quantity of the principal root up to the limit of each method."""
+    figure, axes = _one_panel(title)
+    _methods(axes, lambda method, bound: (x := _up_to(bound), unit * function(method, x)))
+    axes.set(xlim=(0, 3.1), ylabel=ylabel)
     axes.legend(loc="best")
     return figure
 
@@ -300,22 +286,28 @@ PICTURES: dict[str, tuple[Callable[[], Figure], str]] = {
         "its limit; the sets on the right exceed 1 at every step.",
     ),
     "figure3": (
-        sets_damping,
+        partial(_sets, "Figure 3: algorithmic damping ratio of EIG-3", damping_ratio, _DAMPING, 1.0),
         f"Figure 3. Algorithmic damping ratio of EIG-3. {_ENDS}; on the right, where there is no limit, at "
         "Omega = 1. A negative ratio is growth.",
     ),
-    "figure4": (sets_period, f"Figure 4. Relative period error of EIG-3. {_ENDS}; on the right at Omega = 1."),
+    "figure4": (
+        partial(_sets, "Figure 4: relative period error of EIG-3", period_error, _PERIOD, 100.0),
+        f"Figure 4. Relative period error of EIG-3. {_ENDS}; on the right at Omega = 1.",
+    ),
     "figure5": (
         methods_radius,
         "Figure 5. Spectral radius of the methods; markers show the limits. EIG-3(1, 1/2) and CD coincide. RK2 and "
         "AB2 exceed 1 at every step.",
     ),
     "figure6": (
-        methods_damping,
+        partial(_to_limit, "Figure 6: algorithmic damping ratio of the methods", damping_ratio, _DAMPING, 1.0),
         f"Figure 6. Algorithmic damping ratio of the methods. {_ENDS}; RK2 and AB2, without a limit, are shown to "
         "Omega = 1: their ratio is negative, so their solutions grow.",
     ),
-    "figure7": (methods_period, f"Figure 7. Relative period error of the methods. {_ENDS}; RK2 and AB2 at Omega = 1."),
+    "figure7": (
+        partial(_to_limit, "Figure 7: relative period error of the methods", period_error, _PERIOD, 100.0),
+        f"Figure 7. Relative period error of the methods. {_ENDS}; RK2 and AB2 at Omega = 1.",
+    ),
     "figure9": (
         four_steps,
         "Figure 9. The single degree of freedom of section 4.1 by EIG-3 with four steps around its limit. At h = 0.5 s "

@@ -8,10 +8,10 @@ from eig3 import drawing
 from eig3.problem import Problem
 
 from .shear_building import shaking
+from .yielding_frame import BAY, BAYS, BEAM, COLUMN, STOREY, joint
 
 MAGNIFIED = 20  # displacements in pictures
-STOREYS, BAYS = 10, 3
-STOREY, BAY = 3.3, 6.0  # m
+STOREYS = 10
 
 
 def ten_storey_frame(
@@ -36,10 +36,7 @@ def ten_storey_frame(
     """
     from eig3.structures import Frame, Rayleigh, Section  # SciPy is needed by this problem only
 
-    steel = {"E": 2.1e11, "density": 7850.0}
-    column = Section(**steel, A=2.4e-2, I=8.0e-4)
-    beam = Section(**steel, A=1.2e-2, I=4.8e-4)
-    frame = Frame()
+    frame, column, beam = Frame(), Section(**COLUMN), Section(**BEAM)
     for level in range(STOREYS + 1):
         for line in range(BAYS + 1):
             frame.node(joint(level, line), line * BAY, level * STOREY)
@@ -60,11 +57,6 @@ def ten_storey_frame(
         view=frame.view(MAGNIFIED),
         draw=partial(draw, view=frame.view(MAGNIFIED)),
     )
-
-
-def joint(level: int, line: int) -> str:
-    """Return the name of a joint."""
-    return f"{level}{'ABCD'[line]}"
 
 
 def draw(figure, solution, view):

@@ -14,7 +14,6 @@ import eig3
 from eig3 import problems
 from eig3.bench import BENCHMARKS, article_runs, loops, paper, precision, stability, text, timing
 from eig3.bench.article import TABLES, Table
-from eig3.bench.choices import ARTICLE_METHODS
 from eig3.bench.sweep import WorkPrecisionSet
 from eig3.cli import main
 from eig3.command_line import Files
@@ -243,7 +242,7 @@ def test_a_history_that_does_not_fit_is_timed_in_chunks(monkeypatch):
 
 
 @pytest.mark.system
-def test_speed_compares_every_kernel_with_a_loop_that_computes_the_same(capsys, monkeypatch):
+def test_speed_has_a_row_for_each_method_and_problem(capsys, monkeypatch):
     monkeypatch.setattr(loops, "N_STEPS", 2000)
     monkeypatch.setattr(loops, "ARTICLE_PROBLEMS", loops.ARTICLE_PROBLEMS[::3])  # one number, and a pair of numbers
     assert main(["bench", "speed", "--method", "eig3", "--method", "ab2", "--repeats", "1"]) == 0
@@ -259,9 +258,8 @@ def test_a_users_method_is_in_no_benchmark(capsys, monkeypatch):
     assert "symplectic-euler" in eig3.METHODS
     monkeypatch.setattr(loops, "N_STEPS", 1000)
     monkeypatch.setattr(loops, "ARTICLE_PROBLEMS", loops.ARTICLE_PROBLEMS[:1])
-    # compiling the loops by hand and the inline kernels takes seconds, and the rows do not depend on it
+    # compiling the inline kernels takes seconds, and the rows do not depend on it
     monkeypatch.setattr(loops, "kernel_loop", lambda *run, inline: lambda: 1.0)
-    monkeypatch.setattr(loops, "hand_loop", lambda *run, inline: lambda: 1.0)
     assert main(["bench", "speed", "--repeats", "1"]) == 0
     labels = [eig3.METHODS[name]().label for name in loops.METHODS]
     rows = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("| single")]
@@ -285,21 +283,6 @@ def test_a_users_method_is_in_no_benchmark(capsys, monkeypatch):
     monkeypatch.setattr(stability, "explain", repr)
     assert main(["bench", "stability"]) == 0
     assert "symplectic" not in capsys.readouterr().out.lower()
-
-
-@pytest.mark.system
-@pytest.mark.parametrize("name", ARTICLE_METHODS)
-@pytest.mark.parametrize("build", [eig3.problems.hardening_spring, eig3.problems.spring_pendulum])
-def test_loops_by_hand_compute_what_the_kernels_do(name, build, monkeypatch):
-    monkeypatch.setattr(loops, "N_STEPS", 1000)
-    problem, h = build(), 1e-4
-    function = loops.by_hand(problem, name)
-    storage = timing.Storage.for_steps(problem, 1000)
-    loops.kernel_loop(problem, h, name, storage, inline=False)()
-    kernel = storage.u.copy()
-    loops.hand_loop(problem, h, function, storage, inline=False)()
-    # AB3 by hand starts with a constant past, which gives an error of h^2 a and h^2 times the third derivative
-    assert abs(storage.u - kernel).max() < (2e-2 if name == "ab3" else 1e-8)
 
 
 def test_table_is_aligned_markdown():

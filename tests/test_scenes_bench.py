@@ -82,14 +82,6 @@ def test_the_command(tmp_path, monkeypatch):
     assert (tmp_path / "scenes.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_spheres_by_hand_move_as_those_of_the_scene():
-    problem = near_pairs.spheres(200)
-    run = problem.integrate(h=near_pairs.H, t_end=0.1, save_every=None)
-    np.testing.assert_allclose(
-        near_pairs.by_hand(problem)(100), run.u[-1], rtol=0, atol=1e-11
-    )  # round-off of collisions
-
-
 def shaken_argon():
     problem = argon(n=4)
     return problem.with_(u0=problem.u0 + 1e-11 * np.sin(np.arange(problem.u0.size)))

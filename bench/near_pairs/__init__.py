@@ -1,21 +1,19 @@
-"""Scenes with lists of neighbours beside loops by hand with such lists, LAMMPS, OpenMM and exudyn."""
+"""Scenes with lists of neighbours beside LAMMPS, OpenMM and exudyn."""
 
 from __future__ import annotations
 
 import os
-from functools import partial
 
 import numpy as np
 
 from eig3.problem import Problem
 
 from ..rivals import exudyn, lammps, openmm
-from ..timing import kernel_run, seconds_of
+from ..timing import kernel_run
 from . import in_lammps, in_openmm
 from .atoms import liquid
 from .contest import SCENE, Contest, Run, Who, table
 from .spheres import REACH, STIFFNESS, H, linear, rows, spheres
-from .spheres_by_hand import by_hand
 
 _CORES = sorted({1, os.cpu_count() or 1})
 _MOST_IN_EXUDYN = 10_000  # spheres: it takes a microsecond for each and step
@@ -51,9 +49,7 @@ def tables(sizes: tuple[int, ...], side: int, repeats: int) -> str:
 def hertz(n: int) -> Contest:
     """Return the contest of spheres with Hertz's contact."""
     problem = spheres(n)
-    loop = by_hand(problem)
     runs: Runs = {(SCENE, cores): scene_run(spheres(n, threads=cores), H) for cores in _CORES}
-    runs["loop by hand", 1] = lambda steps: seconds_of(partial(loop, steps))
     if lammps.is_there():
         for cores in _CORES:
             runs["LAMMPS", cores] = in_lammps.spheres(problem, cores).run

@@ -107,8 +107,8 @@ def parts_of(settings: Settings) -> list[Part]:
     if settings.problems is None:
         found += [_article(table.number, settings) for table in paper.TABLES]
         found += _c(settings)
-        found += [Part("stability", "eig3 bench stability", _stability), Part("hard", "eig3 bench hard", _hard)]
-        found.append(Part("trust", f"eig3 bench trust --repeats {settings.repeats}", partial(_trust, settings.repeats)))
+        found += [_printed("stability", stability), _printed("hard", hard)]
+        found.append(_printed("trust", trust, repeats=settings.repeats))
     return found
 
 
@@ -210,22 +210,16 @@ def _c(settings: Settings) -> list[Part]:
     return [Part("c", command, measured)] if methods else []
 
 
-def _stability(record: Record) -> dict[str, Any]:
-    lines: list[str] = []
-    stability.benchmark(write=lines.append)
-    return {"markdown": _page(lines).replace("## ", "### ")}
+def _printed(name: str, module: Any, **options: int) -> Part:
+    """What a benchmark prints. Its headings, and the titles of its cases, are one level lower on the page."""
 
+    def measured(record: Record) -> dict[str, Any]:
+        lines: list[str] = []
+        module.benchmark(**options, write=lines.append)
+        return {"markdown": re.sub(r"(?m)^(\d+\. )", r"### \1", _page(lines)).replace("\n## ", "\n### ")}
 
-def _hard(record: Record) -> dict[str, Any]:
-    lines: list[str] = []
-    hard.benchmark(write=lines.append)
-    return {"markdown": re.sub(r"(?m)^(\d+\. )", r"### \1", _page(lines))}
-
-
-def _trust(repeats: int, record: Record) -> dict[str, Any]:
-    lines: list[str] = []
-    trust.benchmark(repeats=repeats, write=lines.append)
-    return {"markdown": _page(lines).replace("## ", "### ")}
+    command = ["eig3 bench", name, *(f"--{option} {value}" for option, value in options.items())]
+    return Part(name, " ".join(command), measured)
 
 
 def _page(lines: list[str]) -> str:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+from typing import Any
 
-from ..named_problem import OWN
+from ..named_problem import OWN, builder
 
 
 def add_problem(parser: argparse.ArgumentParser) -> None:
@@ -32,3 +34,18 @@ def add_method_and_end(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument(
         "--t-end", dest="t_end", type=float, metavar="T", help="the duration, s (default: the problem's own)"
     )
+
+
+def integrate(options: argparse.Namespace, command: str, out: Path | None = None, **further: Any) -> int:
+    """Run the problem with the options, and return the exit status: 1 if the run failed, for example if it diverged."""
+    from ..run_report import run
+
+    build = builder(options.problem, command)
+    given = {name: getattr(options, name) for name in ("h", "rtol", "accuracy", "method", "t_end")}
+    if out is not None:
+        given["out" if out.is_dir() else "export"] = out
+    try:
+        solution = run(build, **given, **further)
+    except (ImportError, OSError, RuntimeError, TypeError, ValueError) as error:
+        raise SystemExit(f"{command}: {error}") from None
+    return 0 if solution.success else 1

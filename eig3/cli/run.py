@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..command_line import add_out, folder
-from ..named_problem import builder
-from .problem import add_method_and_end, add_problem, add_steps
+from .problem import add_method_and_end, add_problem, add_steps, integrate
 
 SUMMARY = "integrate a problem; report its energy balance, write its history and a picture"
 
@@ -40,17 +39,7 @@ def _folder_or_file(text: str) -> Path:
 
 def run(options: argparse.Namespace) -> int:
     """Return the exit status: 1 if the run failed, for example if it diverged."""
-    from ..run_report import run
-
-    build = builder(options.problem, "eig3 run")
     if options.format and not options.animate:
         raise SystemExit("eig3 run: --format is the format of an animation: give --animate too.")
-    try:
-        given = {name: getattr(options, name) for name in ("h", "rtol", "accuracy", "method", "t_end", "out")}
-        if given["out"] is not None and not given["out"].is_dir():
-            given["export"] = given.pop("out")
-        film = (options.format or "gif") if options.animate else None
-        solution = run(build, **given, animate=film, show=options.show)
-    except (ImportError, OSError, RuntimeError, TypeError, ValueError) as error:
-        raise SystemExit(f"eig3 run: {error}") from None
-    return 0 if solution.success else 1
+    film = (options.format or "gif") if options.animate else None
+    return integrate(options, "eig3 run", options.out, animate=film, show=options.show)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..named_problem import builder
-from .problem import add_method_and_end, add_problem, add_steps
+from .problem import add_method_and_end, add_problem, add_steps, integrate
 
 SUMMARY = "integrate a problem, and show its motion in three dimensions"
 
@@ -20,12 +19,4 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Return the exit status: 1 if the run failed, for example if it diverged."""
-    from ..run_report import run
-
-    build = builder(options.problem, "eig3 show")
-    given = {name: getattr(options, name) for name in ("h", "rtol", "accuracy", "method", "t_end")}
-    try:
-        solution = run(build, **given, show=options.out)
-    except (ImportError, OSError, RuntimeError, TypeError, ValueError) as error:
-        raise SystemExit(f"eig3 show: {error}") from None
-    return 0 if solution.success else 1
+    return integrate(options, "eig3 show", show=options.out)

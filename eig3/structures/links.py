@@ -147,17 +147,13 @@ def write(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], 
 
 
 def write_output(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], what: str) -> None:
-    """Write a value of each link in each of its directions to `out`."""
-    for _, kind, _, _ in _each(kinds, text, out, names):
-        for axis in kind.axes:
-            out.line(f"out[at] = {what}{axis}", "at += 1")
-
-
-def write_ductility(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any]) -> None:
-    """Write the ductility of each link that yields to `out`."""
+    """Write a value of each link in each of its directions to `out`, or the ductility of each link that yields."""
     for k, kind, s, _ in _each(kinds, text, out, names):
-        if "ductility" in kind.names:
-            out.line(f"out[at] = {_call(k, kind, 'ductility', s)}", "at += 1")
+        values = [f"{what}{axis}" for axis in kind.axes]
+        if what == "ductility":
+            values = [_call(k, kind, what, s)] if what in kind.names else []
+        for value in values:
+            out.line(f"out[at] = {value}", "at += 1")
 
 
 def write_events(kinds: Sequence[Kind], text: Any, out: Writer, names: dict[str, Any], k: int) -> None:

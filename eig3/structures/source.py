@@ -182,10 +182,7 @@ def of_links(parts: Parts, what: str) -> Any:
     out, names = Writer(), dict[str, Any](__name__=__name__)
     with out.block("def of_links(t, u, v, p, out)"):
         out.line(f"n, at = {parts.text.n}, 0")
-        if what == "ductility":
-            links.write_ductility(parts.links, parts.text, out, names)
-        else:
-            links.write_output(parts.links, parts.text, out, names, what)
+        links.write_output(parts.links, parts.text, out, names, what)
     return marked(without_runtime(define(str(out), "structure", names)["of_links"]), parts, of_links, what)
 
 
