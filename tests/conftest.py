@@ -1,9 +1,11 @@
+import functools
 import gc
 import importlib
 import os
 import re
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads that wait for each other on small matrices; before NumPy
@@ -177,6 +179,22 @@ def acceleration(problem, u, v, t=0.0, rhs=None):
     rhs = rhs or check_callback(problem.rhs, "rhs", VECTOR).call
     rhs(float(t), *(np.array(values, dtype=float) for values in (u, v, problem.params)), a)
     return a
+
+
+@functools.cache
+def short_run():
+    return eig3.problems.single_dof(t_end=1.0).integrate(h=0.1)
+
+
+def made_up(t, u):
+    """Return a run with these states, so that no right-hand side needs to be compiled."""
+    return replace(short_run(), t=t, u=u, v=np.gradient(u, t, axis=0), _accelerations=None)
+
+
+def flying(problem):
+    """Return a run of a scene as if no force acted."""
+    t = np.linspace(*problem.t_span, 701)
+    return made_up(t, problem.u0 + t[:, None] * problem.v0)
 
 
 def refusals(values, types=()):

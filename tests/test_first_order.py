@@ -152,6 +152,13 @@ def test_atol_of_z():
         run(rtol=1e-6, atol=[1e-9] * 3)
 
 
+def test_the_first_states_of_a_run_are_interpolated_as_the_whole():
+    solution = eig3.integrate(solid, (0, 1), START[:1], START[1:2], z0=START[2], params=P, h=0.01)
+    t = np.linspace(0.0, 0.2, 30)
+    for whole, part in zip(solution.at(t), solution._first(50).at(t), strict=True):
+        np.testing.assert_array_equal(whole, part)
+
+
 @pytest.mark.parametrize("tau", [0.7, 0.01])
 @pytest.mark.parametrize("method", ["eig3", "rk4", "ab3", "eig5"])
 def test_critical_step_from_both_sides(method, tau):

@@ -7,65 +7,42 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.effects import Gravity, LinearDamper, LinearSpring
+from eig3.effects import LinearDamper, LinearSpring
 from eig3.scene import Scene
 
-from .conftest import coupled, oscillator, position
-
-
-@eig3.jit
-def first_abscissa(t, u, v, p):
-    return u[0]
-
-
-def scene_run():
-    """Two masses in a plane with a damper, so that the work is followed."""
-    scene = Scene(dimension=2)
-    pivot = scene.fixed((0, 0))
-    masses = scene.mass([1.0, 2.0], [(1, 0), (2, 0)])
-    scene.add(LinearSpring(stiffness=100.0, rest_length=1.0), pivot, masses[0])
-    scene.add(LinearSpring(stiffness=100.0, rest_length=1.0), masses[0], masses[1])
-    scene.add(LinearDamper(1.0), masses[0], masses[1])
-    scene.add(Gravity((0, -9.81)))
-    return scene.problem((0, 0.1), work=True).integrate(h=1e-2)
+from .conftest import coupled, first_position, oscillator, position
 
 
 def with_outputs(run, **outputs):
     return dataclasses.replace(run, outputs=outputs)
 
 
-def test_a_table_has_the_names_and_units_of_a_scene():
-    run = scene_run()
+def test_a_table_and_a_dataset_have_the_names_and_units_of_a_scene():
+    """Two masses in a plane with a damper, so that the work is followed."""
+    scene = Scene(dimension=2)
+    pivot, masses = scene.fixed((0, 0)), scene.mass([1.0, 2.0], [(1, 0), (2, 0)])
+    scene.add(LinearSpring(stiffness=100.0, rest_length=1.0), pivot, masses[0])
+    scene.add(LinearDamper(1.0), masses[0], masses[1])
+    run = scene.problem((0, 0.1), work=True).integrate(h=1e-2)
     run = with_outputs(run, peak=run.u[:, 0] ** 2, reaction=run.u[:, :2])
-    table = run.to_pandas()
-    names = ["x0", "x1", "y0", "y1"]
-    velocities = ["v_x0", "v_x1", "v_y0", "v_y1"]
+    table, data = run.to_pandas(), run.to_xarray()
+    names, velocities = ["x0", "x1", "y0", "y1"], ["v_x0", "v_x1", "v_y0", "v_y1"]
     assert list(table.columns) == [*names, *velocities, "peak", "reaction[0]", "reaction[1]", "work"]
     assert table.index.name == "t"
-    np.testing.assert_array_equal(table.index, run.t)
-    np.testing.assert_array_equal(table[names], run.u)
-    np.testing.assert_array_equal(table[velocities], run.v)
+    for given, wanted in ((table.index, run.t), (table[names], run.u), (table[velocities], run.v)):
+        np.testing.assert_array_equal(given, wanted)
     np.testing.assert_array_equal(table["reaction[1]"], run.u[:, 1])
     np.testing.assert_array_equal(table["work"], run.z["work"])
+    expected = {"status": "completed", "message": run.message, "method": repr(run.method), "h": run.h}
     assert table.attrs["units"] == dict.fromkeys(names, "m") | dict.fromkeys(velocities, "m/s")
-    assert table.attrs["status"] == "completed"
-    assert table.attrs["method"] == repr(run.method)
-    assert table.attrs["h"] == run.h
-
-
-def test_a_dataset_has_the_names_and_units_of_a_scene():
-    run = scene_run()
-    run = with_outputs(run, peak=run.u[:, 0] ** 2, reaction=run.u[:, :2])
-    data = run.to_xarray()
+    assert table.attrs == expected | {"units": table.attrs["units"]}
     assert data.u.dims == data.v.dims == ("t", "dof")
-    np.testing.assert_array_equal(data.t, run.t)
-    np.testing.assert_array_equal(data.u.sel(dof="y1"), run.u[:, 3])
-    np.testing.assert_array_equal(data.v, run.v)
+    for given, wanted in ((data.t, run.t), (data.u.sel(dof="y1"), run.u[:, 3]), (data.v, run.v)):
+        np.testing.assert_array_equal(given, wanted)
     np.testing.assert_array_equal(data.work, run.z["work"])
     assert data.peak.dims == data.work.dims == ("t",)
     assert data.reaction.dims == ("t", "reaction component")
     assert (data.u.attrs["units"], data.v.attrs["units"]) == ("m", "m/s")
-    expected = {"status": "completed", "message": run.message, "method": repr(run.method), "h": run.h}
     assert data.attrs == expected
 
 
@@ -152,49 +129,37 @@ def test_a_table_of_members_has_their_states_without_a_solution_for_each(monkeyp
 
 
 @eig3.jit
-def spring_with_names(t, u, v, p):
-    return -p.k * u - p.c[1] * v
-
-
-@eig3.jit
 def spring_with_a_height(t, u, v, p):
     return -p.h * u - p.c[1] * v
 
 
-def test_a_summary_has_a_row_for_each_member():
-    problem = eig3.Problem("named", spring_with_names, 1.0, 0.0, {"k": 1.0, "c": [9.0, 0.0]}, (0.0, 10.0))
+def test_a_summary_has_a_row_for_each_member_and_a_dataset_their_parameters():
+    """A parameter has a prefix if its name is that of a variable, such as the step h."""
+    start = {"h": 1.0, "c": [9.0, 0.0]}
+    problem = eig3.Problem("named", spring_with_a_height, 1.0, 0.0, start, (0.0, 10.0))
     crossing = eig3.Event(position, direction=-1)
     options = {"h": 0.01, "save_every": 7, "events": {"down": crossing}, "outputs": {"height": position}}
-    runs = problem.ensemble(params={"k": [1.0, 4.0, 0.01], "c": [[9.0, 0.0], [9.0, 0.1], [9.0, 0.2]]}, **options)
-    table = runs.summary()
+    runs = problem.ensemble(params={"h": [1.0, 4.0, 0.01], "c": [[9.0, 0.0], [9.0, 0.1], [9.0, 0.2]]}, **options)
+    table, data = runs.summary(), runs.to_xarray()
     assert list(table.index) == [0, 1, 2]
-    assert list(table.columns[:2]) == ["k", "c[1]"]  # c[0] is the same in all members
-    assert list(table["k"]) == [1.0, 4.0, 0.01]
+    assert list(table.columns[:2]) == ["p.h", "c[1]"]  # c[0] is the same in all members
+    assert list(table["p.h"]) == [1.0, 4.0, 0.01]
     assert list(table["status"]) == ["completed"] * 3
-    assert list(table["count of down"]) == [2, 3, 0]
+    assert list(table["count of down"]) == data["count of down"].values.tolist() == [2, 3, 0]
     for i, run in enumerate(runs):
         row = table.loc[i]
         assert (row["t"], row["u0"], row["v0"]) == (run.t[-1], run.u[-1], run.v[-1])
         assert (row["h"], row["n_steps"], row["n_rhs"]) == (run.h, run.n_steps, run.n_rhs)
         assert row["minimum of height"] == run.extremes["height"].low
         assert row["time of maximum of height"] == run.extremes["height"].t_high
-    np.testing.assert_array_equal(table["first down"], runs.events["down"].first)
+    for first in (table["first down"], data["first down"]):
+        np.testing.assert_array_equal(first, runs.events["down"].first)
     assert np.isnan(table["first down"][2])
-
-
-def test_a_dataset_of_members_has_their_parameters_and_events():
-    """A parameter has a prefix if its name is that of a variable, such as the step h."""
-    start = {"h": 1.0, "c": [9.0, 0.0]}
-    problem = eig3.Problem("named", spring_with_a_height, 1.0, 0.0, start, (0.0, 10.0))
-    options = {"h": 0.01, "save_every": 100, "events": {"down": eig3.Event(position, direction=-1)}}
-    runs = problem.ensemble(params={"h": [1.0, 4.0, 0.01], "c": [[9.0, 0.0], [9.0, 0.1], [9.0, 0.2]]}, **options)
-    data = runs.to_xarray()
+    down = runs.events["down"].to_pandas()
+    assert down.member.tolist() == [0, 0, 1, 1, 1]
+    np.testing.assert_array_equal(down.t[:2], runs[0].events["down"].t)
     assert data.coords.keys() == {"member", "t", "p.h", "c[1]"}
     np.testing.assert_array_equal(data.u.where(data["p.h"] > 3, drop=True)[0], runs.u[1])
-    assert data["count of down"].values.tolist() == [2, 3, 0]
-    np.testing.assert_array_equal(data["first down"], runs.events["down"].first)
-    np.testing.assert_array_equal(runs.summary()["p.h"], [1.0, 4.0, 0.01])
-    np.testing.assert_array_equal(runs.summary()["h"], runs.h)
 
 
 def test_a_member_without_states_has_no_last_state_in_a_summary():
@@ -225,10 +190,7 @@ def test_the_occurrences_of_an_event_as_a_table():
     table = ball.integrate(h=1e-3).events["impact"].to_pandas()
     assert list(table.columns) == ["t", "u0", "v0", "u0_after", "v0_after"]
     np.testing.assert_allclose(table.v0_after, -ball.params[1] * table.v0, rtol=1e-12)
-    planets = eig3.problems.figure_eight()
-    options = {"events": {"meets": eig3.Event(first_abscissa)}, "rtol": 1e-6}
-    one = planets.integrate(**options).events["meets"].to_pandas()
-    assert one.shape[1] == 1 + 4 * 6
-    both = planets.ensemble(u0=np.stack([planets.u0, planets.u0]), **options).events["meets"].to_pandas()
-    assert both.member.tolist() == [0] * len(one) + [1] * len(one)
-    np.testing.assert_allclose(both.t[: len(one)], one.t)
+    options = {"h": 0.1, "params": (1, 2, 3), "events": {"zero": eig3.Event(first_position)}}
+    found = eig3.integrate(coupled, (0, 5), [1.0, 2.0, 3.0], [0.0] * 3, **options).events["zero"].to_pandas()
+    assert len(found) > 0
+    assert found.shape[1] == 1 + 4 * 3
