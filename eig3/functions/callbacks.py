@@ -310,10 +310,7 @@ def names_read(function: Any) -> list[str]:
 
 def attributes_of(function: Any, place: int) -> list[str]:
     """Return the attributes that the bytecode of a function reads of its argument at a place."""
-    function = getattr(function, "py_func", function)
-    if hasattr(function, "reads_z") and hasattr(function, "inner"):
-        function, place = function.inner.py_func, place + function.reads_z
-    code = function.__code__
+    code, place = _code_that_reads(function, place)
     found: list[str] = []
     variable, last = code.co_varnames[place] if place < code.co_argcount else "", None
     for instruction in dis.get_instructions(code):
@@ -323,6 +320,24 @@ def attributes_of(function: Any, place: int) -> list[str]:
             names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
             last = names[-1] if "LOAD_FAST" in instruction.opname or "LOAD_DEREF" in instruction.opname else None
     return found
+
+
+def reads_attributes_only(function: Any, place: int) -> bool:
+    """Return False if a function may use its argument at a place in another way than by reading attributes."""
+    code, place = _code_that_reads(function, place)
+    variable, uses = code.co_varnames[place], 0
+    for instruction in dis.get_instructions(code):
+        names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
+        uses += names.count(variable) if "FAST" in instruction.opname else 0
+    return variable not in code.co_cellvars and uses == len(attributes_of(function, place))
+
+
+def _code_that_reads(function: Any, place: int) -> tuple[types.CodeType, int]:
+    """Return the code that reads an argument of a function, and the place there, without bindings to unknowns z."""
+    function = getattr(function, "py_func", function)
+    if hasattr(function, "reads_z") and hasattr(function, "inner"):
+        function, place = function.inner.py_func, place + function.reads_z
+    return function.__code__, place
 
 
 def _check_arguments(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..kernels.compile.numba_internals import Jitted, part_of_array
 from ..kernels.compile.source import define
-from .callbacks import PLACE_OF_P, attributes_of, jit
+from .callbacks import PLACE_OF_P, attributes_of, jit, reads_attributes_only
 from .events import Event
 from .quantities import EnergyLessWork
 from .sparse import Sparse
@@ -149,8 +149,8 @@ class Layout:
 
     def read(self, p: np.ndarray) -> Any:
         """Return the parameters in an array p of the kernels as a named tuple, as functions get them."""
-        text = "\n    ".join(["def read(p):", *self._views("p"), f"return {self._tuple}", ""])
-        return define(text, "named", self._names | _PARTS_IN_PYTHON)["read"](p)
+        text = "\n    ".join(["def read(p):", *self._views("p", self.names), f"return {self._tuple(self.names)}", ""])
+        return define(text, "named", self._globals(self.names) | _PARTS_IN_PYTHON)["read"](p)
 
     def bind(self, function: Any, place: int = PLACE_OF_P) -> Any:
         """Return a jitted function of the array p that calls `function` with the named parameters.
@@ -192,7 +192,8 @@ class Layout:
         key = self, tuple(own), tuple(np.shape(values[name]) for name in own)
         known = _bound_in_lanes.setdefault(function, {})
         if key not in known:
-            lines, first = ["shared, own = {p}", *self._views("shared")], 0
+            read, first = self._read(function, PLACE_OF_P), 0
+            lines = ["shared, own = {p}", *self._views("shared", read)]
             for name in own:
                 k, shape = self.names.index(name), np.shape(values[name])
                 sizes = "".join(f"{size}, " for size in shape)
@@ -200,7 +201,7 @@ class Layout:
                     f"value_{k} = real_part(own, {first}, ({sizes}))" if shape else f"value_{k} = own[{first}]"
                 )
                 first += math.prod(shape)
-            known[key] = self._calling(function, PLACE_OF_P, lines)
+            known[key] = self._calling(function, PLACE_OF_P, lines, read)
         return known[key]
 
     def bind_all(self, functions: Any) -> Any:
@@ -222,33 +223,39 @@ class Layout:
         for name in attributes_of(function, place):
             if name not in self.names:
                 raise unknown_name(f"{function.__name__} reads {p}.{name}, but params has", name, self.names)
-        defined = self._calling(function, place, self._views(p))
+        read = self._read(function, place)
+        defined = self._calling(function, place, self._views(p, read), read)
         defined.__wrapped__ = function.py_func  # checks and errors then show the arguments of the user
         defined.inner, defined.layout = function, self  # these are pickled with the Python function
         return jit(defined)
 
-    def _calling(self, function: Any, place: int, lines: Sequence[str]) -> Any:
-        """Return a Python function that calls `function` with the named parameters, which `lines` read from {p}."""
+    def _read(self, function: Any, place: int) -> tuple[str, ...]:
+        """Return the names of the parameters that a function gets: only those that it reads, to compile in less time."""
+        if not reads_attributes_only(function, place):
+            return self.names
+        read = attributes_of(function, place)
+        return tuple(name for name in self.names if name in read)
+
+    def _calling(self, function: Any, place: int, lines: Sequence[str], read: Sequence[str]) -> Any:
+        """Return a Python function that calls `function` with parameters that `lines` have read from {p}."""
         arguments = list(inspect.signature(function.py_func).parameters)
-        given = [*arguments[:place], self._tuple, *arguments[place + 1 :]]
+        given = [*arguments[:place], self._tuple(read), *arguments[place + 1 :]]
         head, p = f"def {function.__name__}({', '.join(arguments)}):", arguments[place]
         text = "\n    ".join([head, *lines, f"return inner_function({', '.join(given)})", ""]).replace("{p}", p)
-        names = {**self._names, **PARTS, "inner_function": function, "__name__": function.py_func.__module__}
+        names = {**self._globals(read), **PARTS, "inner_function": function, "__name__": function.py_func.__module__}
         return define(text, "named", names)[function.__name__]
 
-    @property
-    def _tuple(self) -> str:
-        """The text of the named tuple of the values."""
-        return f"Named({', '.join(f'value_{k}' for k in range(len(self.names)))})"
+    def _tuple(self, read: Sequence[str]) -> str:
+        """Return the text of the named tuple of the values of some parameters."""
+        return f"Named({', '.join(f'value_{self.names.index(name)}' for name in read)})"
 
-    @property
-    def _names(self) -> dict[str, Any]:
-        """The globals of the lines that read each parameter from p."""
-        return {"Named": _tuple_of(self.names), "Sparse": Sparse}
+    def _globals(self, read: Sequence[str]) -> dict[str, Any]:
+        """Return the globals of the lines that read some parameters from p."""
+        return {"Named": _tuple_of(tuple(read)), "Sparse": Sparse}
 
-    def _views(self, p: str) -> list[str]:
-        """Return the lines that read each parameter from p as value_k: its sizes, and its place."""
-        lines, size = [f"begin_0 = {self.n_sizes}"], 0
+    def _views(self, p: str, read: Sequence[str]) -> list[str]:
+        """Return the lines that read some parameters from p, the k-th one as value_k: its sizes, and its place."""
+        lines, size, end = [f"begin_0 = {self.n_sizes}"], 0, 0
         for k, kind in enumerate(self.kinds):
             lines += [f"size_{k}_{i} = int({p}[{size + i}])" for i in range(kind.n_sizes)]
             size += kind.n_sizes
@@ -260,8 +267,10 @@ class Layout:
             else:
                 count = " * ".join(f"size_{k}_{i}" for i in range(kind.ndim)) or "1"
                 lines.append(f"begin_{k + 1} = begin_{k} + {count}")
-            lines += self._values(k, kind, p)
-        return lines
+            if self.names[k] in read:
+                lines += self._values(k, kind, p)
+                end = len(lines)
+        return lines[:end]
 
     def _values(self, k: int, kind: Kind, p: str) -> list[str]:
         """Return the lines that read a parameter from p as value_k."""
