@@ -230,7 +230,7 @@ class Layout:
         return jit(defined)
 
     def _read(self, function: Any, place: int) -> tuple[str, ...]:
-        """Return the names of the parameters that a function gets: only those that it reads, to compile in less time."""
+        """Return the names of the parameters that a function gets: those that it reads, to compile in less time."""
         if not reads_attributes_only(function, place):
             return self.names
         read = attributes_of(function, place)
