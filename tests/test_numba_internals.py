@@ -252,6 +252,12 @@ def test_a_function_without_the_code_for_calls_from_python(monkeypatch):
         assert internals.code_of(linked) is linked.for_python
     with probe("A function without the code for calls from Python cannot be called in another process"):
         assert pickle.loads(internals.cloudpickle.dumps(bare))(3.0) == 6.0
+    with monkeypatch.context() as patch:
+        patch.setitem(globals(), "double", bare)
+        in_bytes = pickle.dumps(bare)
+        patch.delitem(globals(), "double")
+        with probe("A function of a notebook, whose variables another process has not, cannot be called there"):
+            assert pickle.loads(in_bytes)(3.0) == 6.0
 
 
 def test_functions_that_are_pickled_by_name(monkeypatch):

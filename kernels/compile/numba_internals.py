@@ -302,7 +302,7 @@ def _named(module: str, name: str) -> Any:
     return getattr(importlib.import_module(module), name)
 
 
-class _BareFunction(_NamedFunction):
+class _BareFunction(CPUDispatcher):
     """A jitted function whose code only compiled functions can call. For calls from Python, it is compiled once more.
 
     The code that converts arguments of Python takes a tenth to a quarter of the time to compile a function.
@@ -329,7 +329,7 @@ class _BareFunction(_NamedFunction):
         super().recompile()
 
 
-class _LinkedFunction(_BareFunction):
+class _LinkedFunction(_NamedFunction, _BareFunction):
     """A jitted function that has machine code only in the functions that call it."""
 
 
