@@ -557,13 +557,13 @@ def cell(x, p, place, k, i, d):
 @element
 def region(x, k, d, some):
     """Return the middle and the length of a range along an axis with most of the points, of which some are copied."""
-    count, points = np.int64(0), len(x) // d
+    count, points = int64(0), len(x) // d
     for e in range(len(some)):
         value = x[d * (e * points // len(some)) + k]
         if abs(value) < math.inf:
             some[count] = value
             count += 1
-    count = sort(some, np.int64(0), count)
+    count = sort(some, int64(0), count)  # `sort` has one code for numbers, and one more for each literal
     if count == 0:
         return 0.0, 0.0
     return some[count // 2], min(some[count - 1 - count // _PART] - some[count // _PART], _LARGEST)

@@ -100,7 +100,7 @@ def test_what_was_learned_is_kept(monkeypatch):
 
 @pytest.mark.parametrize("accuracy", [1e-4, 1e-7])
 def test_later_calls_from_other_starts_estimate_their_own_error(accuracy):
-    """Also of a problem. The ratio of the errors of two tolerances differs up to tenfold from one start to the next.
+    """The ratio of the errors of two tolerances differs up to tenfold from one start to the next.
 
     With a finer run it hardly matters, unless that happens to be as wrong. An estimate by ten times the tolerance was
     down to 0.004 of the true error.
@@ -151,6 +151,14 @@ def test_an_unstable_first_step_is_shortened():
     solution = eig3.integrate(spring, (0, 20), 1.0, 0.0, params=300.0, accuracy=1e-2, method="eig3")
     assert solution.success
     assert np.abs(solution.u - np.cos(300 * solution.t)).max() < 1.2e-2
+
+
+def test_a_problem_takes_an_accuracy():
+    problem = problems.spring_pendulum(t_end=10.0)
+    solution = problem.integrate(accuracy={"u": 1e-6, "drift": 1e-7})
+    exact = problem.integrate(rtol=1e-13, method="rk8", t_eval=solution.t)
+    assert np.abs(solution.u - exact.u).max() / np.abs(exact.u).max() < 1e-6
+    assert problem.integrate(accuracy=1e-4, t_end=5.0).t[-1] == 5.0
 
 
 # When it is not reached ----------------------------------------------------------------------------------------------

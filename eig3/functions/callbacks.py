@@ -69,13 +69,9 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     if function is None:
         return functools.partial(jit, **options)
     options = {**OPTIONS, **options}
-    is_kept = options.pop("cache", True)
-    return bare_jit(function, keep_on_disk if is_kept else unkept, **options)
-
-
-def unkept(function: Any) -> Any:
-    """Return a jitted function that is compiled in each process."""
-    return function
+    if options.pop("cache", True):
+        return bare_jit(function, keep_on_disk, **options)
+    return bare_jit(function, **options)
 
 
 def without_runtime(function: Callable) -> Any:

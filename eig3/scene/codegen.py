@@ -109,7 +109,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
 @functools.lru_cache(maxsize=256)
 def _functions(text: str, names: tuple[tuple[str, Any], ...]) -> dict[str, Any]:
     known = {"__name__": __name__, "sqrt": math.sqrt, "rint": np.rint, "tiny": _TINY, "index": index, "jit": jit}
-    known["int64"] = np.int64  # of literals, for each of which Numba would compile a function once more
+    known["int64"] = np.int64  # turns a literal into a number: Numba compiles a function again for each literal
     functions = define(text, "scene", {**known, **dict(names)})
     for name, signature in (("own", FUNCTION_OF_SCENE), ("share", team.SHARE)):
         if name in functions:

@@ -302,13 +302,18 @@ def _named(module: str, name: str) -> Any:
     return getattr(importlib.import_module(module), name)
 
 
+def _unkept(function: Jitted) -> Jitted:
+    """Return a function that is compiled in each process: it gets no cache."""
+    return function
+
+
 class _BareFunction(CPUDispatcher):
     """A jitted function whose code only compiled functions can call. For calls from Python, it is compiled once more.
 
     The code that converts arguments of Python takes a tenth to a quarter of the time to compile a function.
     """
 
-    keep: Callable = staticmethod(lambda function: function)
+    keep: Callable = staticmethod(_unkept)
 
     @functools.cached_property
     def for_python(self) -> Jitted:
@@ -333,7 +338,7 @@ class _LinkedFunction(_NamedFunction, _BareFunction):
     """A jitted function that has machine code only in the functions that call it."""
 
 
-def bare_jit(function: Callable, keep: Callable, **options: Any) -> Jitted:
+def bare_jit(function: Callable, keep: Callable = _unkept, **options: Any) -> Jitted:
     """Return a jitted function that is compiled without the code for calls from Python, and goes through `keep`."""
     jitted = numba.njit(**{**WITHOUT_WRAPPERS, **options})(function)
     jitted.__class__, jitted.keep = _BareFunction, keep
@@ -345,7 +350,7 @@ def code_of(function: Jitted) -> Jitted:
     return function.for_python if isinstance(function, _LinkedFunction) else function
 
 
-def linked_jit(function: Callable, keep: Callable = lambda function: function, **options: Any) -> Jitted:
+def linked_jit(function: Callable, keep: Callable = _unkept, **options: Any) -> Jitted:
     """Return a jitted function for compiled functions: it has machine code only in those that call it.
 
     What is compiled for calls from Python goes through `keep`.

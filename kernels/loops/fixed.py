@@ -331,4 +331,5 @@ def inline_callbacks(form: Form, rhs: Any, jacobian: Any) -> tuple[Any, dict[str
 
 @intrinsic
 def no_second(typingctx, callbacks):
+    """``no_second(callbacks)`` returns None. An element would be one more function to compile."""
     return none(callbacks), lambda context, builder, signature, args: context.get_dummy_value()
