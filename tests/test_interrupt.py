@@ -133,7 +133,7 @@ WITHOUT_A_RUN = {
     "fit": ("eig3.fitting.fit.check_places", lambda: eig3.fit(DECAY, ([0.5], [1.0]), "u0", h=0.1)),
     "sensitivities": ("eig3.fitting.sensitivities.check_places", lambda: eig3.sensitivities(DECAY, "u0", h=0.1)),
     "prepare": ("eig3.run.prepare.remembered", lambda: eig3.prepare(harmonic, h=0.1)),
-    "integrate": ("eig3.run.prepare.remembered", lambda: eig3.integrate(harmonic, (0, 1), 1.0, 0.0, h=0.1)),
+    "integrate": ("eig3.run.prepare.remembered", lambda: eig3.integrate(harmonic, (0, 1), 1.0, 0.0, h=0.3)),
     "ensemble": ("eig3.ensembles.ensemble.check_members", lambda: eig3.ensemble(harmonic, (0, 1), [1.0], 0.0, h=0.1)),
 }
 

@@ -18,7 +18,7 @@ from ..result.solution import Solution
 from ..stepping.march import Cancel
 from ..stepping.run_options import run_options
 from .accuracy import check_goal, reach, refuse_without_accuracy
-from .prepare import Prepared
+from .prepare import Prepared, prepared_again
 
 
 @with_suggestions()
@@ -141,7 +141,7 @@ def integrate(
     if accuracy is None:
         if scale is not None or max_seconds is not None:
             refuse_without_accuracy(scale=scale, max_seconds=max_seconds)
-        return Prepared(rhs, form, run_options(layout, **options), z0=unknowns[1])(t_span, u, v, params, **of_call)
+        return prepared_again(rhs, form, run_options(layout, **options))(t_span, u, v, params, z0=z0, **of_call)
 
     def prepared(**options: Any) -> Prepared:
         return Prepared(rhs, form, run_options(layout, **options), z0=unknowns[1])

@@ -14,7 +14,7 @@ from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import check_flag, check_params, check_resolution, check_span, check_state, shown
 from ..functions.first_order import check_z0
 from ..functions.guard import guarded
-from ..functions.named import has_names, in_layout, named
+from ..functions.named import WITHOUT_NAMES, has_names, in_layout, named
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR, Form
 from ..keywords import refusal, with_suggestions
@@ -36,7 +36,6 @@ from .progress import check_progress
 from .variable_run import VariableRun, short_with_tolerances
 
 _OF_A_CALL = "t_span", "u0", "v0", "params", "z0", "check", "progress", "raise_on_failure", "cancel", "save_to"
-_WITHOUT_NAMES = np.ndarray, tuple, list, float, int  # a NamedTuple is of another type
 _SHORT = 1e-12  # a step shorter than this fraction of the time may be too short for floating-point times
 
 
@@ -138,7 +137,7 @@ class Prepared:
             raise self._wrong_form(u0)
         if z0 is not None or self._system.first_order.names:
             u, v = self._with_first_order(u, v, z0)
-        if self.options.layout or (type(params) not in _WITHOUT_NAMES and has_names(params)):
+        if self.options.layout or (type(params) not in WITHOUT_NAMES and has_names(params)):
             params = in_layout(self.options.layout, params)
         start = check_span(span), u, v, guarded(check_params(params))
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
@@ -244,6 +243,21 @@ class Prepared:
 
     def __reduce__(self) -> tuple:
         return Prepared, (self._system.rhs, self._system.form, self.options, self._defaults, self._z0)
+
+
+@with_solution
+def prepared_again(rhs: Any, form: Form, options: RunOptions) -> Prepared:
+    """Return the prepared run of the last call with a right-hand side if it has the same options and functions.
+
+    `run_options` returns the same object for the same options. Another object needs another prepared run.
+    """
+    kept = getattr(rhs, "__dict__", {})
+    given, known = kept.get("_eig3_prepared", (None, None))
+    if given is options and known.system.form is form and known.system.is_present:
+        return known
+    prepared = Prepared(rhs, form, options)
+    kept["_eig3_prepared"] = options, prepared
+    return prepared
 
 
 @with_suggestions(run_options)
