@@ -32,7 +32,8 @@ _VALUES = 2**18  # or fewer states, with at most this number of values
 _STEPS_PER_STATE = 16  # least number of steps between these states, in a run of many steps
 _FOLLOWED = 2**22  # largest number of values in the states of a run whose energy is computed
 _PIECES = 32  # pieces of a run, which is checked after each,
-_PIECE = 512  # with at least this number of steps: the call takes as long as some ten steps
+_PIECE = 512  # with at least this number of steps: the call takes as long as some ten steps,
+_PIECE_WITH_EVENTS = 64  # and in an unstable run, each step may have many events
 _DIVERGED = 100.0  # a motion that is larger than the reference by this factor is unstable
 _AT_REST = 1e-150  # a motion below this has decayed
 _SHORT = 0.005  # a run that takes less time, s, is repeated,
@@ -338,13 +339,16 @@ class Pilots:
     ) -> History | None:
         """Run in pieces, and stop once the run has diverged or taken `longest` seconds of processor time.
 
+        A run with more occurrences of events than steps counts as unstable: a motion that changes stiffness or bounces
+        stays bounded, and an unstable one then passes the same events in each step.
+
         Each `every`-th state is kept. With `follow`, the energy is computed, and the last state of each piece is kept.
         """
         stepper = self._stepper(method, h)
         if math.isnan(self._first_acceleration):
             self._first_acceleration = float(np.abs(self._motion(stepper.first_acceleration)).max())
         states = n_steps // every
-        fewest = 1 if follow else math.ceil(_PIECE / every)
+        fewest = 1 if follow else math.ceil((_PIECE_WITH_EVENTS if self._events else _PIECE) / every)
         each = max(fewest, math.ceil(states / _PIECES))
         each = max(1, min(each, int(_LONGEST_PIECE / self._paces.get(method, 1e-12) / every)))
         shape = each if follow else states, *np.shape(self._u0)
@@ -357,7 +361,8 @@ class Pilots:
             rows = slice(0, count // every) if follow else slice(first, first + count // every)
             taken = stepper.advance(count, every, u[rows], v[rows])
             self._paces[method] = (time.thread_time() - begin) / max(1, stepper.index)
-            if taken < count or not stepper.is_finite or stepper.sizes[0] > self._largest:
+            is_unstable = stepper.look is not None and stepper.look.n_found > stepper.index
+            if taken < count or is_unstable or not stepper.is_finite or stepper.sizes[0] > self._largest:
                 return None
             if follow:
                 drift = max(drift, self._drift(first + 1, h * every, u[rows], v[rows]))
