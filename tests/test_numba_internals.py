@@ -306,10 +306,33 @@ def test_patches_can_be_left_out(monkeypatch):
     assert internals.PATCHES > plain.PATCHES
     assert not plain.has_wide_vectors()
     function = plain.linked_jit(double)
-    with plain._operators_remembered():
+    with plain._replaced("operators", BaseFunction, "get_call_type", plain._with_memory):
         assert BaseFunction.get_call_type is usual
         plain.compile_for(function, (float64,))
     assert called_at(plain.address_of(plain.compile_results(function)[(float64,)]), 2.0) == 4.0
+
+
+def test_functions_with_python_objects_and_generators_keep_their_variables(capsys):
+    """Numba still finds what lives at the entry of a block and at a yield where compiled code needs it."""
+
+    @numba.njit
+    def odd(n):
+        for i in range(n):
+            yield 2 * i + 1
+
+    def square(n):
+        total = 0
+        for x in odd(n):
+            total += x
+        with numba.objmode():
+            print(total)
+        return total
+
+    jitted = numba.njit(square)
+    with probe("generators and objmode need the variables at the entries of blocks, which Numba no longer finds"):
+        internals.compile_for(jitted, (int64,))
+    assert jitted(5) == 25
+    assert capsys.readouterr().out == "25\n"
 
 
 def test_half_powers_become_roots():
