@@ -84,7 +84,7 @@ FOLLOWED = {
 @pytest.mark.parametrize("options", [{"h": 0.01}, {"rtol": 1e-6}], ids=["h", "rtol"])
 def test_integrate_makes_few_python_calls(options, followed, always_short):
     options = {**options, **FOLLOWED[followed], "params": P}
-    most = 140 if followed != "plain" else 51 if "h" in options else 54  # plain: 46 and 49 in a new process
+    most = 105 if followed != "plain" else 51 if "h" in options else 54  # plain: 46 and 49 in a new process
     assert python_calls(lambda: eig3.integrate(oscillator, SPAN, 1.0, 0.0, **options)) <= most
 
 

@@ -86,15 +86,27 @@ class RunOptions(NamedTuple):
 
 def _remembered(check: Callable[..., RunOptions]) -> Callable[..., RunOptions]:
     """Return a function that checks options once: most calls in a loop have the same ones."""
-    known = functools.lru_cache(64, typed=True)(check)
+
+    @functools.lru_cache(64, typed=True)
+    def known(*layout: Layout | None, **options: Any) -> RunOptions:
+        return check(*layout, **{name: dict(x) if type(x) is _Items else x for name, x in options.items()})
 
     @functools.wraps(check)
     def checked(*layout: Layout | None, **options: Any) -> RunOptions:
+        hashable = options
+        for name in ("events", "invariants", "outputs"):
+            functions = options.get(name)
+            if type(functions) is dict and tuple not in map(type, functions.values()):  # k of (function, k) has a type
+                hashable = {**hashable, name: _Items(functions.items())}
         with suppress(TypeError, ValueError):  # an array cannot be remembered, or an option is not valid
-            return known(*layout, **options)
+            return known(*layout, **hashable)
         return check(*layout, **options)
 
     return checked
+
+
+class _Items(tuple):
+    """The items of a dictionary, which can be remembered."""
 
 
 @_remembered
