@@ -45,19 +45,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "folder for precision.json, precision.md and pictures")
 
 
-def run(options: argparse.Namespace) -> None:
-    benchmark(
-        only=options.problems,
-        methods=options.methods,
-        repeats=options.repeats,
-        longest=options.longest,
-        rivals=options.rivals,
-        mode=options.mode,
-        accuracies=options.accuracies,
-        out=options.out,
-    )
-
-
 def benchmark(
     *,
     only: Sequence[str] | None = None,

@@ -36,10 +36,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "write stability.md and pictures there")
 
 
-def run(options: argparse.Namespace) -> None:
-    benchmark(out=options.out)
-
-
 def benchmark(*, out: Path | None = None, write: Callable[[str], None] = print) -> None:
     """Print the tables and an explanation of each method; with `out`, save them and the figures there."""
     pages = [f"# Stability\n\n{_HEADING}"]

@@ -58,10 +58,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_repeats(parser, 9)
 
 
-def run(options: argparse.Namespace) -> None:
-    benchmark(sides=options.sides, repeats=options.repeats)
-
-
 def benchmark(
     *, sides: tuple[int, ...] = SIDES, repeats: int = 9, write: Callable[[str], None] = print
 ) -> dict[str, dict[str, float]]:
