@@ -253,15 +253,9 @@ def contestants(case: Case) -> list[Contestant]:
         Contestant(f"{METHODS[name]().label}, tolerances", True, _TOLERANCES, partial(_with_tolerances, name))
         for name in TOLERANCE_METHODS
     ]
-    return [*fixed, *controlled, *_rivals(case)]
-
-
-def _rivals(case: Case) -> list[Contestant]:
-    return [
-        Contestant(rival.label, False, _TOLERANCES, rival.prepare)
-        for rival in ENSEMBLE_RIVALS
-        if rival.is_installed and not rival.cannot(case)
-    ]
+    rivals = [rival for rival in ENSEMBLE_RIVALS if rival.is_installed and not rival.cannot(case)]
+    others = [Contestant(rival.label, False, _TOLERANCES, rival.prepare) for rival in rivals]
+    return [*fixed, *controlled, *others]
 
 
 def _steps(case: Case, method: str) -> list[int]:

@@ -8,8 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from eig3 import problems
-from eig3.command_line import Files, add_out
-from eig3.drawing import NO_PICTURES
+from eig3.command_line import NO_PICTURES, Files, add_out
 from eig3.methods import BM6, RKN12, Method
 from eig3.stability import NEGLIGIBLE, explain, limit, practical_limit, spectral_radius
 from eig3.stepping.stepper import Stepper

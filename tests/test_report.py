@@ -216,7 +216,7 @@ def test_everything_is_on_the_page(tmp_path, monkeypatch):
         "Can the error",
     ):
         assert f"## {heading}" in markdown
-    assert record.command in page
+    assert record.run.command in page
     for part in record.run.parts:
         mode = " --mode pointer" if part.startswith("precision") else ""
         assert f"Measured by `{record.measured[part].command}{mode}`." in markdown

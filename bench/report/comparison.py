@@ -119,7 +119,7 @@ class Comparison:
     def other_versions(self) -> dict[str, str]:
         """The packages of rivals whose versions in both runs are not the same or not known, and these versions."""
         packages = dict.fromkeys(row.first.package for row in self.rows if row.first.package)
-        versions = {name: [record.environment.get(name) for record in (self.new, self.old)] for name in packages}
+        versions = {name: [record.run.environment.get(name) for record in (self.new, self.old)] for name in packages}
         return {
             name: f"{new or 'unknown'}, before {old or 'unknown'}"
             for name, (new, old) in versions.items()
@@ -168,8 +168,8 @@ class Comparison:
     def markdown(self) -> str:
         """Both machines, the summary, and a table of what is marked; then what else differs."""
         parts = [
-            f"New: {in_words(self.new.environment)}, by `{self.new.command}`.",
-            f"Old: {in_words(self.old.environment)}, by `{self.old.command}`.",
+            f"New: {in_words(self.new.run.environment)}, by `{self.new.run.command}`.",
+            f"Old: {in_words(self.old.run.environment)}, by `{self.old.run.command}`.",
             self.summary,
         ]
         if self.marked:
