@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+from eig3.command_line import Files, add_out
 from eig3.problem import Problem
 from eig3.stepping.stepper import Stepper
 
-from . import near_pairs, rods, squeezers, text
+from . import near_pairs, pictures, rods, squeezers, text
 from .choices import add_repeats
 from .environment import in_words
 from .scene_pairs import SCENE_PAIRS, crowded
 from .timing import kernel_run, medians
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SUMMARY = "ns/step of scenes, compared with code by hand"
 _SECONDS = 0.05  # of a timed run
@@ -22,22 +29,27 @@ _RODS = (10, 100, 1000)
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_repeats(parser, 9)
+    add_out(parser, "write scenes.png there")
 
 
-def benchmark(*, repeats: int = 9, write: Callable[[str], None] = print) -> None:
-    """Print the tables."""
+def benchmark(*, repeats: int = 9, out: Path | None = None, write: Callable[[str], None] = print) -> None:
+    """Print the tables; draw the second one in `out`."""
     write(f"Machine: {in_words()}")
     write(f"ns/step of EIG-3, no states stored: medians of {repeats} interleaved runs.\n")
     write("## A scene and the same system by hand\n")
     write(text.table(["scene", "pointer", "by hand", "ratio", "inline", "by hand", "ratio"], by_hand(repeats)))
     write("\n## Every other effect present, at zero strength\n")
-    write(text.table(["scene", "effects", "ns/step", "with all", "ns/step", "ratio"], zero_strength(repeats)))
+    rows = zero_strength(repeats)
+    write(text.table(["scene", "effects", "ns/step", "with all", "ns/step", "ratio"], rows))
     write("\n## Points that come near each other\n")
     write(near_pairs.tables(_SPHERES, _ARGON, min(repeats, 5)))
     write("\n## Chains of rods at equal error\n")
     write(rods.table(_RODS, min(repeats, 5)))
     write("\n## Andrews' squeezer mechanism at equal error\n")
     write(squeezers.table(min(repeats, 5)))
+    if out is not None:
+        files = Files(out, "eig3 bench")
+        files.finish(write, pictures.draw({"scenes.png": partial(_bars, rows)}, files))
 
 
 def by_hand(repeats: int) -> list[list[str]]:
@@ -81,3 +93,14 @@ def measure(problems: Mapping[str, tuple[Problem, float, bool]], repeats: int) -
 def _steps(start: Stepper) -> int:
     """The number of steps that take `_SECONDS`, at least 200."""
     return max(200, round(200 * _SECONDS / kernel_run(start, 200)()))
+
+
+def _bars(rows: list[list[str]]) -> Figure:
+    figure = pictures.new_figure(8, 3.5)
+    axes = figure.subplots()
+    ratios = axes.barh([row[0] for row in rows], [float(row[-1]) for row in rows], color="C0")
+    axes.bar_label(ratios, padding=4)
+    axes.invert_yaxis()
+    axes.margins(x=0.1)
+    axes.set_xlabel("time of a step with every other effect at zero strength / without (-)")
+    return figure

@@ -20,7 +20,6 @@ from .kernels.protocol import VECTOR, Steps
 from .methods import EIG3, Method
 
 _ROUND_OFF = 1e-11  # round-off of an eigenvalue; at a limit found to 1e-10, the eigenvalues of a pair are 1e-5 apart
-_ACCURACY = 1e-10  # of a limit
 _SIMPLE = 1e-6  # roots closer than this count as one multiple root
 _SOLVED_TOGETHER = 32  # unit states of oscillators in one solve of an implicit method, whose cost grows with their cube
 _OSCILLATES = 1e-7  # least imaginary part of a complex root: round-off gives less to a double real root
@@ -211,7 +210,7 @@ def limit(method: str | Method, xi: float = 0.0) -> float:
 @functools.cache
 def _limit(method: Method, xi: float) -> float:
     blocks = (_with_meetings(method, xi, block) for block in _blocks())
-    return first_exit(_excess_at(method, xi), _ROUND_OFF, blocks)
+    return first_exit(_excess_at(method, xi), _ROUND_OFF, blocks=blocks)
 
 
 def practical_limit(method: str | Method, xi: float = 0.0, growth: float = NEGLIGIBLE_GROWTH) -> float:
@@ -237,7 +236,7 @@ def practical_limit(method: str | Method, xi: float = 0.0, growth: float = NEGLI
     """
     if not growth > 0:
         raise ValueError(f"growth must be positive, not {growth}.")
-    return first_above(_excess_at(check_method(method), float(xi)), growth, _blocks())[0]
+    return first_above(_excess_at(check_method(method), float(xi)), growth, blocks=_blocks())[0]
 
 
 @functools.cache
@@ -256,12 +255,17 @@ def _excess_at(method: Method, xi: float) -> Excess:
     return lambda Omega: _excess(amplification_matrix(method, Omega, xi))
 
 
-def first_exit(excess: Excess, tolerance: float, blocks: Iterable[np.ndarray]) -> float:
+def first_exit(
+    excess: Excess,
+    tolerance: float,
+    accuracy: float = 1e-10,
+    blocks: Iterable[np.ndarray] = (),
+) -> float:
     """The least x at which ``excess(x)`` exceeds `tolerance`, searched at the increasing numbers of `blocks`.
 
     It is 0.0 if the excess grows from x = 0 on, and infinite if it never exceeds the tolerance.
     """
-    low, high = first_above(excess, tolerance, blocks)
+    low, high = first_above(excess, tolerance, accuracy, blocks)
     if math.isinf(low):
         return low
     # Beyond a limit the excess rises steeply, or it is negative well before the limit. An excess that grows as a power
@@ -271,10 +275,15 @@ def first_exit(excess: Excess, tolerance: float, blocks: Iterable[np.ndarray]) -
     return low if is_limit else 0.0
 
 
-def first_above(excess: Excess, tolerance: float, blocks: Iterable[np.ndarray]) -> tuple[float, float]:
+def first_above(
+    excess: Excess,
+    tolerance: float,
+    accuracy: float = 1e-10,
+    blocks: Iterable[np.ndarray] = (),
+) -> tuple[float, float]:
     """The last x before ``excess(x)`` first exceeds `tolerance` and the first x after; both infinite if it never does.
 
-    They differ by 1e-10, relatively if they are below 1.
+    They differ by `accuracy`, relatively if they are below 1.
     """
     stable = 0.0
     for block in blocks:
@@ -286,7 +295,7 @@ def first_above(excess: Excess, tolerance: float, blocks: Iterable[np.ndarray]) 
         return math.inf, math.inf
     first = int(unstable[0])
     low, high = float(block[first - 1]) if first else stable, float(block[first])
-    while high - low > _ACCURACY * min(1.0, high):
+    while high - low > accuracy * min(1.0, high):
         middle = (low + high) / 2
         low, high = (low, middle) if excess(np.array([middle]))[0] > tolerance else (middle, high)
     return low, high

@@ -20,7 +20,7 @@ from eig3.command_line import Files
 from eig3.methods import LIBRARY
 from eig3.run_report import run
 
-WITH_OUT = ("paper", "precision", "stability", "report")
+WITH_OUT = ("paper", "precision", "stability", "scenes", "report")
 
 
 def test_version_and_help(capsys):

@@ -73,7 +73,7 @@ def test_another_effect_in_the_catalogue_changes_no_instruction(pair, monkeypatc
     assert pair.problems()[0].rhs is before
 
 
-def test_the_command(monkeypatch):
+def test_the_command(tmp_path, monkeypatch):
     """With one scene, and two effects beside its own."""
 
     def few(dimension):
@@ -89,9 +89,10 @@ def test_the_command(monkeypatch):
     monkeypatch.setattr(near_pairs.contest, "POINT_STEPS", 2000)
     monkeypatch.setattr(near_pairs.contest, "STEPS", 20)
     lines = []
-    scenes.benchmark(repeats=1, write=lines.append)
+    scenes.benchmark(repeats=1, out=tmp_path, write=lines.append)
     text = "\n".join(lines)
     assert text.count("| spring pendulum, Cartesian") == 2
+    assert (tmp_path / "scenes.png").read_bytes().startswith(b"\x89PNG")
 
 
 def shaken_argon():
