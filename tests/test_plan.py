@@ -153,6 +153,21 @@ def test_a_run_ends_when_its_motion_has_decayed():
     assert history.n_rhs == pytest.approx(12 * n_steps, rel=1e-3)  # as if it had taken all its steps
 
 
+def test_a_run_with_more_impacts_than_steps_counts_as_unstable():
+    problem = problems.bouncing_ball(restitution=1.0, t_end=180.0)  # 200 impacts
+    runs = pilots.Pilots(problem, "trajectory", 1e-3)
+    assert runs.history(check_method("eig3"), 122) is None
+    assert runs.history(check_method("eig3"), 244).is_whole
+
+
+@pytest.mark.parametrize("method", [step_search.GUIDE, step_search.SCOUT])
+def test_the_fewest_stable_steps(method):
+    runs = pilots.Pilots(problems.single_dof(t_end=1000.0), "trajectory", 1e-3)
+    fewest = runs.stable_steps(method, step_search._STABLE[method])
+    assert runs.history(method, fewest).is_whole
+    assert runs.history(method, fewest // 2) is None
+
+
 def test_chaos_is_reported():
     plan = eig3.plan(problems.spring_pendulum(r0=1.5, theta0=2.5, t_end=3e4), 1e-6, methods=["eig3"])
     assert not plan.predictions[0].reaches

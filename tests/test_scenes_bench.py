@@ -88,6 +88,8 @@ def test_the_command(tmp_path, monkeypatch):
     monkeypatch.setattr(scenes, "_RODS", (2,))
     monkeypatch.setattr(near_pairs.contest, "POINT_STEPS", 2000)
     monkeypatch.setattr(near_pairs.contest, "STEPS", 20)
+    monkeypatch.setattr(near_pairs, "_GRAINS", 100)
+    monkeypatch.setattr(near_pairs.whole_runs, "STEPS", 50)
     lines = []
     scenes.benchmark(repeats=1, out=tmp_path, write=lines.append)
     text = "\n".join(lines)
@@ -112,6 +114,19 @@ def test_lammps_has_the_same_forces(threads):
     compare(problem, near_pairs.in_lammps.spheres(problem, threads).forces().T.ravel(), 1e-12)
     problem = shaken_argon()
     compare(problem, accelerations(near_pairs.in_lammps.argon(problem, threads).forces()), 1e-12)
+
+
+@pytest.mark.skipif(not lammps.is_there(), reason=lammps.INSTALL)
+def test_lammps_has_the_same_grains():
+    """They move by 5 % of a diameter; `HertzMindlin` says how the damping in LAMMPS differs."""
+    problem = near_pairs.whole_runs.hopper(300)
+    solution = problem.integrate(h=problem.h, t_end=50 * problem.h, save_every=None)
+    solver = near_pairs.whole_runs.grains_in_lammps(problem).solver
+    solver.command("run 50")
+    atom = solver.numpy.extract_atom
+    places = atom("x")[np.argsort(atom("id"))][:300, :2]
+    found = solution.u[-1].reshape(3, 300)[:2].T
+    assert np.abs(found - places).max() < 0.005 * near_pairs.whole_runs.DIAMETER
 
 
 def test_openmm_has_the_same_forces():

@@ -10,12 +10,13 @@ from eig3.problem import Problem
 
 from ..rivals import exudyn, lammps, openmm
 from ..timing import kernel_run
-from . import in_lammps, in_openmm
+from . import in_lammps, in_openmm, whole_runs
 from .atoms import liquid
 from .contest import SCENE, Contest, Run, Who, table
 from .spheres import REACH, STIFFNESS, H, linear, rows, spheres
 
 _CORES = sorted({1, os.cpu_count() or 1})
+_GRAINS = 5000  # of the hopper
 _MOST_IN_EXUDYN = 10_000  # spheres: it takes a microsecond for each and step
 _OF_AN_ATOM = 10  # the time of an atom with its neighbours, in units of the time of a sphere
 
@@ -42,6 +43,11 @@ def tables(sizes: tuple[int, ...], side: int, repeats: int) -> str:
         "Atoms of argon:",
         table("atoms", [argon(side)], repeats),
         _OPENMM if openmm.is_there() else openmm.INSTALL,
+        *(
+            ["Whole runs, with energies and states as users keep them:", whole_runs.table(side, _GRAINS, repeats)]
+            if lammps.is_there()
+            else []
+        ),
     ]
     return "\n\n".join(parts)
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.critical import NoCriticalStepError, of_encounters
+from ..diagnosis.linearisation import fast_rates
 from ..functions.callbacks import Callback, check_callback
 from ..functions.checks import check_params, check_state
 from ..functions.evaluation import energies
@@ -33,7 +34,7 @@ _STEPS_PER_STATE = 16  # least number of steps between these states, in a run of
 _FOLLOWED = 2**22  # largest number of values in the states of a run whose energy is computed
 _PIECES = 32  # pieces of a run, which is checked after each,
 _PIECE = 512  # with at least this number of steps: the call takes as long as some ten steps,
-_PIECE_WITH_EVENTS = 64  # and in an unstable run, each step may have many events
+_FIRST_PIECE = 8  # or first with this number, because each step of an unstable run may have many events
 _DIVERGED = 100.0  # a motion that is larger than the reference by this factor is unstable
 _AT_REST = 1e-150  # a motion below this has decayed
 _SHORT = 0.005  # a run that takes less time, s, is repeated,
@@ -165,6 +166,16 @@ class Pilots:
     def work(self, method: Method, n_steps: float) -> float:
         """The work of a run, in evaluations of one degree of freedom in a long vector."""
         return n_steps * self.evaluations(method) * (_CALL + np.size(self.problem.u0))
+
+    def stable_steps(self, method: Method, longest: float) -> int:
+        """The least number of steps, doubled from `FEWEST`, that is stable at the beginning of the pilot runs.
+
+        `longest` is the longest stable step as a multiple of the shortest time constant of the linearised system.
+        """
+        span = self.part * self.span
+        f = self._stepper(method, span).acceleration
+        rates = fast_rates(f, self.window[0], self._u0, self._v0, span / FEWEST)
+        return FEWEST * 2 ** math.ceil(math.log2(max(1.0, np.abs(rates).max() / longest)))
 
     def predicted(self, method: Method, n_steps: float) -> float:
         """The processor time of a run, s, predicted from the last run of the method or from a run of one step."""
@@ -348,22 +359,23 @@ class Pilots:
         if math.isnan(self._first_acceleration):
             self._first_acceleration = float(np.abs(self._motion(stepper.first_acceleration)).max())
         states = n_steps // every
-        fewest = 1 if follow else math.ceil((_PIECE_WITH_EVENTS if self._events else _PIECE) / every)
-        each = max(fewest, math.ceil(states / _PIECES))
-        each = max(1, min(each, int(_LONGEST_PIECE / self._paces.get(method, 1e-12) / every)))
-        shape = each if follow else states, *np.shape(self._u0)
+        fewest = 1 if follow else math.ceil(_PIECE / every)
+        most = max(fewest, math.ceil(states / _PIECES))
+        each = math.ceil(_FIRST_PIECE / every) if self._events else most
+        shape = most if follow else states, *np.shape(self._u0)
         u, v = np.empty(shape), np.empty(shape)
         ends: list[tuple[float, Any, Any]] = []
         decayed, drift, begin = False, 0.0, time.thread_time()
         while stepper.index < n_steps and time.thread_time() - begin < longest:
             first = stepper.index // every
+            each = max(1, min(each, int(_LONGEST_PIECE / self._paces.get(method, 1e-12) / every)))
             count = min(each * every, n_steps - stepper.index)
             rows = slice(0, count // every) if follow else slice(first, first + count // every)
             taken = stepper.advance(count, every, u[rows], v[rows])
-            self._paces[method] = (time.thread_time() - begin) / max(1, stepper.index)
             is_unstable = stepper.look is not None and stepper.look.n_found > stepper.index
             if taken < count or is_unstable or not stepper.is_finite or stepper.sizes[0] > self._largest:
                 return None
+            self._paces[method], each = (time.thread_time() - begin) / stepper.index, most
             if follow:
                 drift = max(drift, self._drift(first + 1, h * every, u[rows], v[rows]))
                 ends.append((stepper.t, stepper.u, stepper.v))

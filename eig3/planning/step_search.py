@@ -12,6 +12,7 @@ from .pilots import CONVERGING, FEWEST, History, Pilots, Run
 NO_TIME = "no time was left to try it"
 GUIDE = RK8()
 SCOUT = EIG3()  # among methods with one evaluation, it has the longest stable step
+_STABLE = {GUIDE: 5.9, SCOUT: 1.5}  # their steps are stable up to about these multiples of the shortest time constant
 _AGREEMENT = 0.25  # two runs whose difference is within this fraction of the accuracy give a reference
 _AGREEMENT_AT_MOST = 0.05  # runs with a larger relative difference may both be wrong
 #: The trials for a reference: the part of the span, the method, and the time limit of its runs, s.
@@ -27,6 +28,7 @@ _TRIALS = (
 _GUIDE_WORK = 2**26  # the work that is always allowed for one trial
 _SURVEY_SECONDS = 5.0  # longest processor time of a run that surveys the whole span,
 _UNSTABLE_SECONDS = 1.0  # and of the unstable runs before it
+_SLOW_UNSTABLE = 0.1  # the next unstable run would take longer, s: the next run is stable at its beginning
 _MOST_RUNS = 24  # runs of a method
 _NEAR = 1.06  # the longest step is found to this factor,
 _ENOUGH = 0.7  # or until the error is at least this fraction of the aim
@@ -97,6 +99,8 @@ def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
             pilots.forget_survey()
             unstable += before - pilots.left
             next_unstable = 2 * (before - pilots.left)
+            if next_unstable > _SLOW_UNSTABLE:
+                n_steps = max(n_steps, pilots.stable_steps(method, _STABLE[method]) // 2)
         else:
             pilots.note_sizes(fine)
             if not fine.is_whole:
