@@ -27,10 +27,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_repeats(parser, 9)
 
 
-def run(options: argparse.Namespace) -> None:
-    benchmark(repeats=options.repeats)
-
-
 def benchmark(*, repeats: int = 9, write: Callable[[str], None] = print) -> None:
     """Print the table."""
     write(f"Machine: {in_words()}")

@@ -54,10 +54,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_repeats(parser, 9)
 
 
-def run(options: argparse.Namespace) -> None:
-    benchmark(methods=options.methods, repeats=options.repeats)
-
-
 @dataclass(frozen=True)
 class Library:
     """The C code built with one set of flags."""

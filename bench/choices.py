@@ -12,9 +12,9 @@ ARTICLE_METHODS = ("eig3", "cd", "rk2", "rk3", "rk4", "ab2", "ab3")
 
 
 def add_problems(parser: argparse.ArgumentParser) -> None:
-    """Add `--problem NAME`, which may be repeated, as `options.problems`."""
+    """Add `--problem NAME`, which may be repeated, as `only`."""
     parser.add_argument(
-        "--problem", dest="problems", action="append", metavar="NAME", help="only this one; may be repeated"
+        "--problem", dest="only", action="append", metavar="NAME", help="only this one; may be repeated"
     )
 
 

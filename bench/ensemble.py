@@ -70,25 +70,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_problems(parser)
     add_repeats(parser, 5)
     parser.add_argument("--members", type=count, default=4096, metavar="M", help="of the first table (4096)")
-    parser.add_argument("--steps", type=count, default=10_000, metavar="N", help="of the first table (10000)")
+    parser.add_argument(
+        "--steps", dest="n_steps", type=count, default=10_000, metavar="N", help="of the first table (10000)"
+    )
     parser.add_argument(
         "--accurate", type=count, default=10_000, metavar="M", help="members of the second table (10000)"
     )
     parser.add_argument(
         "--million", action="store_true", help="only run a million Duffing members with reduce= in a new process"
-    )
-
-
-def run(options: argparse.Namespace) -> None:
-    if options.million:
-        print(million())
-        return
-    benchmark(
-        only=options.problems,
-        repeats=options.repeats,
-        members=options.members,
-        n_steps=options.steps,
-        accurate=options.accurate,
     )
 
 
@@ -99,9 +88,13 @@ def benchmark(
     members: int = 4096,
     n_steps: int = 10_000,
     accurate: int = 10_000,
+    million: bool = False,
     write: Callable[[str], None] = print,
 ) -> None:
-    """Print the tables."""
+    """Print the tables, or with `million` only the line of a million members."""
+    if million:
+        write(_million())
+        return
     every = {**CASES, **CASES_WITH_TOLERANCES}
     chosen = choose(only, tuple(every), "--problem")
     cases = [CASES[name] for name in chosen if name in CASES]
@@ -260,15 +253,9 @@ def contestants(case: Case) -> list[Contestant]:
         Contestant(f"{METHODS[name]().label}, tolerances", True, _TOLERANCES, partial(_with_tolerances, name))
         for name in TOLERANCE_METHODS
     ]
-    return [*fixed, *controlled, *_rivals(case)]
-
-
-def _rivals(case: Case) -> list[Contestant]:
-    return [
-        Contestant(rival.label, False, _TOLERANCES, rival.prepare)
-        for rival in ENSEMBLE_RIVALS
-        if rival.is_installed and not rival.cannot(case)
-    ]
+    rivals = [rival for rival in ENSEMBLE_RIVALS if rival.is_installed and not rival.cannot(case)]
+    others = [Contestant(rival.label, False, _TOLERANCES, rival.prepare) for rival in rivals]
+    return [*fixed, *controlled, *others]
 
 
 def _steps(case: Case, method: str) -> list[int]:
@@ -408,7 +395,7 @@ def verdict(found: dict[str, dict[str, Found]]) -> str:
 # A million members
 
 
-def million() -> str:
+def _million() -> str:
     """Run a million members in a new process, and return the line that it prints."""
     command = [sys.executable, "-m", "eig3.bench.ensemble_million"]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()

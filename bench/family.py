@@ -30,10 +30,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """It has no options."""
 
 
-def run(options: argparse.Namespace) -> None:
-    benchmark()
-
-
 def benchmark(*, write: Callable[[str], None] = print) -> None:
     """Print the tables, one after the other."""
     for page in (render_limits, render_growth, render_drift):

@@ -9,8 +9,7 @@ import textwrap
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from eig3.command_line import Files
-from eig3.drawing import NO_PICTURES
+from eig3.command_line import NO_PICTURES, Files
 
 from .article_runs import MeasuredTable
 from .choices import ARTICLE_METHODS

@@ -55,10 +55,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_longest(parser, LONGEST, " of the sweep")
 
 
-def run(options: argparse.Namespace) -> None:
-    benchmark(only=options.problems, repeats=options.repeats, longest=options.longest)
-
-
 @dataclass(frozen=True)
 class Checked:
     """A prediction after its run: its error over the requested accuracy, and its time over the predicted time."""

@@ -45,19 +45,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "folder for precision.json, precision.md and pictures")
 
 
-def run(options: argparse.Namespace) -> None:
-    benchmark(
-        only=options.problems,
-        methods=options.methods,
-        repeats=options.repeats,
-        longest=options.longest,
-        rivals=options.rivals,
-        mode=options.mode,
-        accuracies=options.accuracies,
-        out=options.out,
-    )
-
-
 def benchmark(
     *,
     only: Sequence[str] | None = None,
@@ -170,22 +157,17 @@ def render_contests(result: WorkPrecisionSet, metric: str) -> str:
 
 def render_tolerances(result: WorkPrecisionSet, metric: str) -> str:
     """Return the table of ratios: fastest method with tolerances to fastest rival of a package, or fixed step."""
-    packages = {rival.package: rival.label.partition(" ")[0] for rival in RIVALS.values()}
-    others: dict[str, Callable[[str], bool]] = {
-        **{name: partial(_is_of, package) for package, name in packages.items()},
-        "fixed steps": lambda method: method not in RIVALS and method not in TOLERANCES,
-    }
+    others: dict[str, list[str]] = {}
+    for method, rival in RIVALS.items():
+        others.setdefault(rival.label.partition(" ")[0], []).append(method)
+    others["fixed steps"] = [method for method in result.methods if method not in RIVALS and method not in TOLERANCES]
     held = contests(result, metric)
     rows = []
-    for name, is_chosen in others.items():
-        pairs = ((contest.of(TOLERANCES.__contains__), contest.of(is_chosen)) for contest in held)
+    for name, chosen in others.items():
+        pairs = ((contest.of(TOLERANCES.__contains__), contest.of(chosen.__contains__)) for contest in held)
         rows.append([name, *(text.number(one.seconds / two.seconds, 2) if one and two else "-" for one, two in pairs)])
     header = [f"fastest with tolerances ({metric}) / fastest of", *(f"{target:g}" for target in result.targets)]
     return text.table(header, rows)
-
-
-def _is_of(package: str, method: str) -> bool:
-    return method in RIVALS and RIVALS[method].package == package
 
 
 def _fastest(found: Reach | None) -> str:

@@ -4,28 +4,18 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-import eig3
-from eig3 import effects
 from eig3.command_line import Files, add_out
-from eig3.effects import Body
-from eig3.functions.callbacks import jit
-from eig3.kernels.compile.jit import compiled
-from eig3.kernels.protocol import VECTOR
 from eig3.problem import Problem
-from eig3.scene import Scene, codegen
 from eig3.stepping.stepper import Stepper
 
 from . import near_pairs, pictures, rods, squeezers, text
 from .choices import add_repeats
 from .environment import in_words
-from .scene_pairs import ROD, SCENE_PAIRS, crowded, growing
+from .scene_pairs import SCENE_PAIRS, crowded
 from .timing import kernel_run, medians
 
 if TYPE_CHECKING:
@@ -42,25 +32,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "write scenes.png there")
 
 
-def run(options: argparse.Namespace) -> None:
-    benchmark(repeats=options.repeats, out=options.out)
-
-
 def benchmark(*, repeats: int = 9, out: Path | None = None, write: Callable[[str], None] = print) -> None:
-    """Print the tables; draw the last one in `out`."""
+    """Print the tables; draw the second one in `out`."""
     write(f"Machine: {in_words()}")
     write(f"ns/step of EIG-3, no states stored: medians of {repeats} interleaved runs.\n")
     write("## A scene and the same system by hand\n")
     write(text.table(["scene", "pointer", "by hand", "ratio", "inline", "by hand", "ratio"], by_hand(repeats)))
-    write("\n## What an effect that is not named adds\n")
-    write("Instructions of the compiled right-hand side, before and after the catalogue gets another effect.\n")
-    write(text.table(["scene", "by hand", "scene", "with a larger catalogue", "the same text"], instructions()))
     write("\n## Every other effect present, at zero strength\n")
-    write(text.table(["scene", "effects", "ns/step", "with all", "ns/step", "ratio"], zero_strength(repeats)))
-    write(f"\n## Time against the number of effects: {ROD} masses in space\n")
-    names, ns = more_and_more(repeats)
-    labels = [f"+ {name}" if k else name for k, name in enumerate(names)]
-    write(text.table(["effect", "effects", "ns/step"], [[x, str(k + 1), f"{ns[k]:.0f}"] for k, x in enumerate(labels)]))
+    rows = zero_strength(repeats)
+    write(text.table(["scene", "effects", "ns/step", "with all", "ns/step", "ratio"], rows))
     write("\n## Points that come near each other\n")
     write(near_pairs.tables(_SPHERES, _ARGON, min(repeats, 5)))
     write("\n## Chains of rods at equal error\n")
@@ -69,7 +49,7 @@ def benchmark(*, repeats: int = 9, out: Path | None = None, write: Callable[[str
     write(squeezers.table(min(repeats, 5)))
     if out is not None:
         files = Files(out, "eig3 bench")
-        files.finish(write, pictures.draw({"scenes.png": partial(_bars, labels, ns)}, files))
+        files.finish(write, pictures.draw({"scenes.png": partial(_bars, rows)}, files))
 
 
 def by_hand(repeats: int) -> list[list[str]]:
@@ -90,49 +70,6 @@ def by_hand(repeats: int) -> list[list[str]]:
     return rows
 
 
-def instructions() -> list[list[str]]:
-    """The rows of instruction counts, before and after an effect is added to the catalogue."""
-    rows = []
-    for pair in SCENE_PAIRS:
-        before = assembly(pair.problems()[0].rhs)
-        _enlarge_the_catalogue()
-        codegen._functions.cache_clear()
-        after = assembly(pair.problems()[0].rhs)
-        counts = [str(count) for count in (len(assembly(pair.by_hand)), len(before), len(after))]
-        rows.append([pair.title, *counts, "yes" if before == after else "NO"])
-    return rows
-
-
-def assembly(rhs: Any) -> list[str]:
-    """The instructions of a right-hand side without names of functions, since their numbers differ from run to run."""
-    rhs = jit(rhs.py_func, cache=False)  # code from the disk has no text
-    compiled(rhs, VECTOR.rhs.args)
-    lines = (line.strip() for line in rhs.inspect_asm(VECTOR.rhs.args).splitlines())
-    return [
-        line for line in lines if line and not line.startswith((".", "#")) and "_ZN" not in line and ":" not in line
-    ]
-
-
-def _enlarge_the_catalogue() -> None:
-    """Define and use a new effect, and remove it again."""
-
-    @dataclass(frozen=True, eq=False)
-    class Wind(Body):
-        speed: float
-
-        @staticmethod
-        @eig3.jit
-        def force(v, speed):
-            return speed - v[0], -v[1]
-
-    vars(effects)["Wind"] = Wind
-    scene = Scene(2)
-    scene.mass(1.0, (0.0, 0.0))
-    scene.add(Wind(1.0))
-    scene.problem((0.0, 1.0)).integrate(h=0.1)
-    del vars(effects)["Wind"]
-
-
 def zero_strength(repeats: int) -> list[list[str]]:
     """The rows of scenes with every other effect at zero strength."""
     rows = []
@@ -143,13 +80,6 @@ def zero_strength(repeats: int) -> list[list[str]]:
         named = len(pair.effects)
         rows.append([pair.title, str(named), f"{a:.1f}", str(named + others), f"{b:.1f}", f"{b / a:.1f}"])
     return rows
-
-
-def more_and_more(repeats: int) -> tuple[list[str], list[float]]:
-    """The names of the effects as they are added one by one, and ns/step with each."""
-    problems = dict(growing())
-    ns = measure({name: (problem, 1e-3, False) for name, problem in problems.items()}, repeats)
-    return list(ns), list(ns.values())
 
 
 def measure(problems: Mapping[str, tuple[Problem, float, bool]], repeats: int) -> dict[str, float]:
@@ -165,18 +95,12 @@ def _steps(start: Stepper) -> int:
     return max(200, round(200 * _SECONDS / kernel_run(start, 200)()))
 
 
-def _bars(labels: list[str], ns: list[float]) -> Figure:
-    figure = pictures.new_figure(8, 4.5)
+def _bars(rows: list[list[str]]) -> Figure:
+    figure = pictures.new_figure(8, 3.5)
     axes = figure.subplots()
-    places = np.arange(len(labels))
-    axes.barh(places, ns, color="C0")
-    axes.set_yticks(places, labels)
+    ratios = axes.barh([row[0] for row in rows], [float(row[-1]) for row in rows], color="C0")
+    axes.bar_label(ratios, padding=4)
     axes.invert_yaxis()
-    for place, value in zip(places, ns, strict=True):
-        axes.annotate(
-            f"{value:.0f}", (value, place), xytext=(4, 0), textcoords="offset points", va="center", fontsize=9
-        )
     axes.margins(x=0.1)
-    axes.set_xlabel("time of a step (ns), EIG-3")
-    axes.set_title(f"{ROD} masses in space: each effect adds its own time")
+    axes.set_xlabel("time of a step with every other effect at zero strength / without (-)")
     return figure

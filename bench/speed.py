@@ -22,10 +22,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_repeats(parser, 9)
 
 
-def run(options: argparse.Namespace) -> None:
-    benchmark(methods=options.methods, repeats=options.repeats)
-
-
 def benchmark(*, methods: Sequence[str] | None = None, repeats: int = 9, write: Callable[[str], None] = print) -> None:
     """Print the table of these methods, or of all if None."""
     chosen = choose(methods, loops.METHODS)

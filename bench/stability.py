@@ -8,8 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from eig3 import problems
-from eig3.command_line import Files, add_out
-from eig3.drawing import NO_PICTURES
+from eig3.command_line import NO_PICTURES, Files, add_out
 from eig3.methods import BM6, RKN12, Method
 from eig3.stability import NEGLIGIBLE, explain, limit, practical_limit, spectral_radius
 from eig3.stepping.stepper import Stepper
@@ -34,10 +33,6 @@ _OVERGROWN = 1e100  # a growth so large that the phase at the end changes the ra
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "write stability.md and pictures there")
-
-
-def run(options: argparse.Namespace) -> None:
-    benchmark(out=options.out)
 
 
 def benchmark(*, out: Path | None = None, write: Callable[[str], None] = print) -> None:

@@ -30,7 +30,7 @@ from .choices import add_repeats
 from .environment import in_words
 from .rivals import opensees
 from .solids import cube, size
-from .timing import continued_run, interleave, medians
+from .timing import continued_run, medians
 
 SUMMARY = "structures with up to a million degrees of freedom, beside C, SciPy and OpenSees"
 SIDES = 6, 14, 32, 69  # elements of a side of the cube: 10^3, 10^4, 10^5 and 10^6 degrees of freedom
@@ -56,10 +56,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--sides", nargs="+", type=count, default=SIDES, metavar="N", help="elements of a side of the cubes"
     )
     add_repeats(parser, 9)
-
-
-def run(options: argparse.Namespace) -> None:
-    benchmark(sides=options.sides, repeats=options.repeats)
 
 
 def benchmark(
@@ -123,7 +119,7 @@ def yielding(repeats: int, t_end: float = 10.0) -> list[list[str]]:
         for wanted, (h, error) in _reaching(history, truth, longest).items():
             name = f"{wanted:g}, {code}"
             runs[name], chosen[name] = run(h), (wanted, code, h, error)
-    seconds = {name: float(np.median(x)) for name, x in interleave(runs, repeats, "the frame that yields").items()}
+    seconds = medians(runs, repeats, "the frame that yields")
     rows = []
     for name, (wanted, code, h, error) in sorted(chosen.items(), key=lambda pair: (-pair[1][0], pair[1][1])):
         ratio = seconds[name] / seconds[f"{wanted:g}, EIG-3"]
@@ -262,7 +258,7 @@ def reach(name: str, problem: Problem, repeats: int) -> list[list[str]]:
             chosen[METHODS[method]().label] = h
             prepared = problem.prepare(h=h, method=method, save_every=None, invariants={}, events=None)
             runs[METHODS[method]().label] = lambda prepared=prepared: prepared().kernel_seconds
-    seconds = {label: float(np.median(values)) for label, values in interleave(runs, repeats, name).items()}
+    seconds = medians(runs, repeats, name)
     fastest, span = min(seconds.values()), problem.t_span[1] - problem.t_span[0]
     return [
         [

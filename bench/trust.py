@@ -93,10 +93,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "write trust.md and a picture there")
 
 
-def run(options: argparse.Namespace) -> None:
-    benchmark(only=options.problems, repeats=options.repeats, out=options.out)
-
-
 def benchmark(
     *,
     only: Sequence[str] | None = None,

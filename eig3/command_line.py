@@ -8,8 +8,11 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 MOST_DIGITS = 15  # of a count; a larger number of members, steps or files does not fit in memory
+#: A command prints this after the names of the files that it wrote, if it cannot draw.
+NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"
 _LONGEST = 100  # bytes of a file name without its suffix; most systems allow 255 with it
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\.|$)", re.IGNORECASE)  # Windows takes these for devices
 
@@ -57,11 +60,9 @@ def _reason(error: OSError) -> str:
     return error.strerror or str(error)
 
 
-def add_out(
-    parser: argparse.ArgumentParser, text: str, *, required: bool = False, type: Callable[[str], Path] = folder
-) -> None:
+def add_out(parser: argparse.ArgumentParser, text: str, *, type: Callable[[str], Path] = folder) -> None:
     """Add the option `--out DIR`, the folder for results; `text` is its help, and `type` converts its text."""
-    parser.add_argument("--out", type=type, metavar="DIR", required=required, help=text)
+    parser.add_argument("--out", type=type, metavar="DIR", help=text)
 
 
 class Files:
@@ -94,6 +95,18 @@ class Files:
             self._reasons[name] = _reason(error)
         else:
             self._reasons[name] = ""
+
+    def draw(self, name: str, picture: Callable[[Any], None]) -> str:
+        """Write the picture that ``picture(figure)`` draws; return what to add to the list of written files."""
+        try:
+            from matplotlib.figure import Figure
+        except ImportError:
+            return NO_PICTURES
+        figure = Figure(layout="constrained")
+        picture(figure)
+        with self.writing(name) as path:
+            figure.savefig(path, dpi=130)
+        return ""
 
     def finish(self, write: Callable[[str], None], note: str = "") -> None:
         """Write the names of the written files, and `note`; then `check`."""

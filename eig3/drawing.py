@@ -13,9 +13,6 @@ import numpy as np
 from .result.labels import Labels
 from .result.solution import Solution
 
-#: A command prints this after the names of the files that it wrote, if it cannot draw.
-NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"
-
 _AGAINST_TIME = "against time"  # label of the axes of panels against time
 _LINES = 6  # largest number of degrees of freedom in one panel
 _FEW = 40  # a line through fewer states also has dots

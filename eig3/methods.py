@@ -243,7 +243,7 @@ class _EIG3WithConstraints(EIG3):
 
 
 @dataclass(frozen=True, repr=False)
-class CentralDifference(Method):
+class CentralDifference(_MayIgnoreVelocity):
     """Central difference, the classical explicit method of structural dynamics; implicit if f depends on velocity.
 
     Parameters
@@ -319,10 +319,6 @@ class CentralDifference(Method):
     @property
     def evaluations(self) -> int | None:  # type: ignore[override]
         return None if self.velocity in ("auto", "implicit") else 1
-
-    @property
-    def ignores_velocity(self) -> bool:  # type: ignore[override]
-        return self.velocity == "none"
 
     def for_force(self, reads_velocity: bool, n: int) -> Method:
         if self.velocity == "auto" and not reads_velocity:

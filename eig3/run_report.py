@@ -270,15 +270,7 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
         header = ",".join(["t", *columns])
         with files.writing(f"{name}.csv") as path:
             np.savetxt(path, table, delimiter=",", header=header, comments="")
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        return drawing.NO_PICTURES
-    figure = Figure(layout="constrained")
-    draw(figure, problem, solution, balance)
-    with files.writing(f"{name}.png") as path:
-        figure.savefig(path, dpi=130)
-    return ""
+    return files.draw(f"{name}.png", lambda figure: draw(figure, problem, solution, balance))
 
 
 def draw(figure: Any, problem: Problem, solution: Solution, balance: Balance | None = None) -> None:

@@ -72,12 +72,14 @@ RESULTS = [result("smooth", "smooth spring, ten periods", 1.0), result("rough", 
 
 def record(results: list[WorkPrecisionSet]) -> SimpleNamespace:
     return SimpleNamespace(
-        environment=environment(),
-        command="eig3 bench report --out here",
         results=results,
         article=[],
         article_commands=[],
-        run=SimpleNamespace(settings={"repeats": 3, "longest": 0.02, "modes": None}),
+        run=SimpleNamespace(
+            environment=environment(),
+            command="eig3 bench report --out here",
+            settings={"repeats": 3, "longest": 0.02, "modes": None},
+        ),
         texts={
             "hard": SimpleNamespace(command="eig3 bench hard", markdown="| case | verdict |\n| - | - |\n| 1 | good |")
         },
@@ -328,7 +330,7 @@ def hostile_record() -> SimpleNamespace:
         + [replace(point, method=HOSTILE, label=HOSTILE) for point in RESULTS[0].of("rk4")],
     )
     found = record([hostile, replace(RESULTS[1], name=HOSTILE)])
-    found.environment = {**found.environment, "cpu": HOSTILE}
+    found.run.environment = {**found.run.environment, "cpu": HOSTILE}
     found.command, found.missing, found.unsolved = HOSTILE, [HOSTILE], [HOSTILE]
     texts = {name: SimpleNamespace(command=HOSTILE, markdown=HOSTILE_MARKDOWN) for name in ("c", "stability", "hard")}
     found.texts = texts

@@ -216,7 +216,7 @@ def test_everything_is_on_the_page(tmp_path, monkeypatch):
         "Can the error",
     ):
         assert f"## {heading}" in markdown
-    assert record.command in page
+    assert record.run.command in page
     for part in record.run.parts:
         mode = " --mode pointer" if part.startswith("precision") else ""
         assert f"Measured by `{record.measured[part].command}{mode}`." in markdown
@@ -224,7 +224,9 @@ def test_everything_is_on_the_page(tmp_path, monkeypatch):
     before = Record.open(tmp_path)
     for row in before.timings.values():
         row["pointer"] = [seconds / 2 for seconds in row["pointer"]]  # an older run that was twice as fast
-    found = {(row.problem, row.mode): row.ratio for row in Comparison.of(record, before).rows if row.mode}
+    found = {
+        (row.first.problem, row.first.mode): row.ratio for row in Comparison.of(record, before).rows if row.first.mode
+    }
     assert found[("single_dof beside C", "pointer")] == pytest.approx(2)
     assert found[("single_dof beside C", "inline")] == found[("Table 4", "pointer")] == 1
 
@@ -361,10 +363,10 @@ def test_only_the_method_that_became_slower_is_marked(tmp_path):
     assert {row.ratio for row in same.rows} == {1.0}
     found = Comparison.of(new, old)
     (row,) = found.marked
-    assert (row.method, row.mark, row.settings) == ("rk5", "slower", 3)
+    assert (row.first.method, row.mark, row.settings) == ("rk5", "slower", 3)
     assert row.ratio == pytest.approx(1.5, rel=0.03)  # the error of a median of five is 0.6 %, here of three settings
     (back,) = Comparison.of(old, new).marked
-    assert (back.method, back.mark) == ("rk5", "faster")
+    assert (back.first.method, back.mark) == ("rk5", "faster")
     assert found.control == pytest.approx(1, rel=0.03)
     assert "1 became slower and 0 became faster" in found.summary
     assert len(found.everything.splitlines()) == 2 + len(found.rows)
@@ -398,7 +400,7 @@ def test_a_method_that_became_unstable_is_listed(tmp_path):
     found = Comparison.of(new, old)
     assert found.changed == ["x, pointer, rk5, 0.1: unstable, before stable"]
     assert found.unpaired == []
-    assert {row.method: row.settings for row in found.rows}["rk5"] == 2
+    assert {row.first.method: row.settings for row in found.rows}["rk5"] == 2
 
 
 def test_a_rival_of_another_version_tells_nothing_about_the_machine(tmp_path):

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from eig3 import Status, drawing, problems
 from eig3.cli import main
-from eig3.command_line import file_name
+from eig3.command_line import NO_PICTURES, file_name
 from eig3.run_report import Balance, draw, run
 from eig3.stepping.march import March
 
@@ -214,7 +214,7 @@ def test_without_matplotlib_the_history_is_written_all_the_same(tmp_path, monkey
     printed = []
     run(problems.hertz_impact, out=tmp_path, write=printed.append)
     assert {path.name for path in tmp_path.iterdir()} == {"hertz_impact.npz", "hertz_impact.csv"}
-    assert printed[-1].endswith(drawing.NO_PICTURES)
+    assert printed[-1].endswith(NO_PICTURES)
 
 
 @pytest.mark.parametrize("name", ["../../x", "..", "a/b", "/etc/x", ".", "", "con"])

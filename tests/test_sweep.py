@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 import eig3
 from eig3 import Status, problems
 from eig3.cli import main
-from eig3.drawing import NO_PICTURES
+from eig3.command_line import NO_PICTURES
 from eig3.sweep import pictures
 from eig3.sweep.axes import Axis
 from eig3.sweep.measures import Measure

@@ -175,9 +175,9 @@ def _check_packages(who: str, error: type[BaseException]) -> None:
 
 
 def _check_same_machine(record: Record) -> None:
-    if record.environment != environment():
+    if record.run.environment != environment():
         raise SystemExit(
-            f"{COMMAND}: {record.folder} was measured on {in_words(record.environment)}, but this is {in_words()}: "
+            f"{COMMAND}: {record.folder} was measured on {in_words(record.run.environment)}, but this is {in_words()}: "
             "times of both do not belong together; choose another folder."
         )
 

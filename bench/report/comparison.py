@@ -62,28 +62,20 @@ class Row:
 
     Attributes
     ----------
-    problem, mode, method, label : str
+    first : Timing
+        At the first of its settings.
     settings : int
         The number of steps or tolerances that both runs have.
     ratio : float
         The new median time over the old one, as the geometric mean over these settings.
     noise : float
         The factor, above 1, by which the ratio may be wrong; infinite if the repeats cannot tell.
-    is_ours : bool
-        Whether the code is part of the library.
-    package : str
-        The package of a rival; empty for the others.
     """
 
-    problem: str
-    mode: str
-    method: str
-    label: str
+    first: Timing
     settings: int
     ratio: float
     noise: float
-    is_ours: bool
-    package: str
 
     @property
     def mark(self) -> str:
@@ -126,8 +118,8 @@ class Comparison:
     @property
     def other_versions(self) -> dict[str, str]:
         """The packages of rivals whose versions in both runs are not the same or not known, and these versions."""
-        packages = dict.fromkeys(row.package for row in self.rows if row.package)
-        versions = {name: [record.environment.get(name) for record in (self.new, self.old)] for name in packages}
+        packages = dict.fromkeys(row.first.package for row in self.rows if row.first.package)
+        versions = {name: [record.run.environment.get(name) for record in (self.new, self.old)] for name in packages}
         return {
             name: f"{new or 'unknown'}, before {old or 'unknown'}"
             for name, (new, old) in versions.items()
@@ -137,19 +129,19 @@ class Comparison:
     @property
     def control(self) -> float | None:
         """The geometric mean of the ratios of the code that is the same in both runs; None if there is none."""
-        others = self.other_versions
-        logarithms = [math.log(row.ratio) for row in self.rows if not row.is_ours and row.package not in others]
+        same = [row for row in self.rows if not row.first.is_ours and row.first.package not in self.other_versions]
+        logarithms = [math.log(row.ratio) for row in same]
         return math.exp(statistics.fmean(logarithms)) if logarithms else None
 
     @property
     def marked(self) -> list[Row]:
         """The methods of the library that became slower or faster."""
-        return [row for row in self.rows if row.mark and row.is_ours]
+        return [row for row in self.rows if row.mark and row.first.is_ours]
 
     @property
     def summary(self) -> str:
         """How many methods became slower or faster, how many by noise alone, and how the machine changed."""
-        ours = [row for row in self.rows if row.is_ours]
+        ours = [row for row in self.rows if row.first.is_ours]
         counts = {mark: sum(row.mark == mark for row in ours) for mark in (SLOWER, FASTER)}
         words = " and ".join(f"{count} became {mark}" for mark, count in counts.items())
         control = (
@@ -176,8 +168,8 @@ class Comparison:
     def markdown(self) -> str:
         """Both machines, the summary, and a table of what is marked; then what else differs."""
         parts = [
-            f"New: {in_words(self.new.environment)}, by `{self.new.command}`.",
-            f"Old: {in_words(self.old.environment)}, by `{self.old.command}`.",
+            f"New: {in_words(self.new.run.environment)}, by `{self.new.run.command}`.",
+            f"Old: {in_words(self.old.run.environment)}, by `{self.old.run.command}`.",
             self.summary,
         ]
         if self.marked:
@@ -199,10 +191,10 @@ class Comparison:
 
 
 def _table(rows: Sequence[Row]) -> str:
-    cells = [
-        [row.problem, row.mode, row.label, str(row.settings), text.ratio(row.ratio, 3), percent(row.noise), row.mark]
-        for row in rows
-    ]
+    cells = []
+    for row in rows:
+        names = row.first.problem, row.first.mode, row.first.label
+        cells.append([*names, str(row.settings), text.ratio(row.ratio, 3), percent(row.noise), row.mark])
     return text.table(["problem", "mode", "method", "settings", "new / old time", "noise", "mark"], cells)
 
 
@@ -263,10 +255,7 @@ def _rows(pairs: Sequence[tuple[Timing, Timing]]) -> Iterator[Row]:
     for pair in pairs:
         groups.setdefault(pair[0].key[:3], []).append(pair)
     for group in groups.values():
-        first = group[0][0]
-        ratio, noise = ratio_and_noise([(new.seconds, old.seconds) for new, old in group])
-        names = first.problem, first.mode, first.method, first.label
-        yield Row(*names, len(group), ratio, noise, first.is_ours, first.package)
+        yield Row(group[0][0], len(group), *ratio_and_noise([(new.seconds, old.seconds) for new, old in group]))
 
 
 def _changed(new: Timing, old: Timing) -> Iterator[str]:

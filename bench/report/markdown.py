@@ -39,8 +39,8 @@ TITLES = {
 
 def page(record: Record, comparison: Comparison | None) -> str:
     """The report: the answer, then each problem, the article, and the other parts."""
-    parts = ["# eig3: what accuracy costs in time", f"Machine: {in_words(record.environment)}"]
-    parts.append(f"Measured by `{record.command}`.")
+    parts = ["# eig3: what accuracy costs in time", f"Machine: {in_words(record.run.environment)}"]
+    parts.append(f"Measured by `{record.run.command}`.")
     if record.unsolved:
         parts.append(f"No method that was chosen solves {', '.join(record.unsolved)}.")
     if record.missing:

@@ -67,7 +67,7 @@ def html(record: Record, comparison: Comparison | None = None) -> str:
     return environment.get_template("page.html").render(
         record=record,
         summary=_summary(results),
-        machine=in_words(record.environment),
+        machine=in_words(record.run.environment),
         comparison=comparison,
         matrices=matrices,
         targets=targets,

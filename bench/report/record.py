@@ -107,16 +107,6 @@ class Record:
         self.measured[name] = _decoded(name, content)
 
     @property
-    def environment(self) -> dict[str, Any]:
-        """The machine and the versions."""
-        return self.run.environment
-
-    @property
-    def command(self) -> str:
-        """The command that measured everything."""
-        return self.run.command
-
-    @property
     def missing(self) -> list[str]:
         """The names of the parts that are not measured yet."""
         return [name for name in self.run.parts if name not in self.measured]

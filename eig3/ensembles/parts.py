@@ -6,7 +6,7 @@ import itertools
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from ..stepping.march import Cancel
 from ..stepping.run_options import RunOptions
@@ -89,19 +89,6 @@ class Recipe:
         return solution if self.reduce is None else self.reduce(solution)
 
 
-class Results(Protocol):
-    """The results of the parts, which may end in any order."""
-
-    def put(self, part: Part, value: Any) -> None:
-        """Store the result of a part."""
-
-    def rescue(self, error: BaseException) -> None:
-        """Store the members of a part that an exception ended."""
-
-    def whole(self, note: str) -> Any:
-        """Return the results of all parts, with a sentence for the user about how they ran."""
-
-
 class Listed:
     """The return values of `reduce` for each part; None for an unfinished part."""
 
@@ -109,12 +96,14 @@ class Listed:
         self.values: list[Any] = [None] * count
 
     def put(self, part: Part, value: Any) -> None:
+        """Store the result of a part."""
         self.values[part.number] = value
 
     def rescue(self, error: BaseException) -> None:
         """Do nothing: `reduce` gets finished parts only."""
 
     def whole(self, note: str) -> list[Any]:
+        """Return the results of all parts, with a sentence for the user about how they ran."""
         if note:
             warnings.warn(note, RuntimeWarning, stacklevel=5)
         return self.values
@@ -155,6 +144,7 @@ class Joined:
         self._put(value)
 
     def rescue(self, error: BaseException) -> None:
+        """Store the members of a part that an exception ended."""
         solution = getattr(error, "solution", None)
         if isinstance(solution, EnsembleSolution):
             self._put(solution)
@@ -173,3 +163,7 @@ class Joined:
         taken = f"An earlier run had finished {self._n_taken} of {len(self.solution)} members." if self._n_taken else ""
         self.solution.notes = *self._notes, *filter(None, (taken, note))
         return self.solution
+
+
+#: The results of the parts, which may end in any order.
+Results = Listed | Joined

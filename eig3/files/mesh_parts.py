@@ -66,8 +66,8 @@ class Cells:
         cells += [("line", links)] * bool(links.size)
         cells = [(kind, some) for kind, some in cells if some.size]
         points, cell_data = np.concatenate([x, snapshot.corners]), {}
-        if trajectory.has_contacts:
-            pairs, forces = trajectory.contacts(snapshot.row)
+        if contacts := trajectory.contacts(snapshot.row):
+            pairs, forces = contacts
             cell_data["normal_force"] = [np.zeros(len(some)) for _, some in cells] + [forces] * bool(forces.size)
             cells += [("line", pairs)] * bool(forces.size)
         return MeshParts(points, cells, self._data(snapshot), cell_data)

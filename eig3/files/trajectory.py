@@ -124,14 +124,11 @@ class Trajectory:
             lattice=self._lattice(t),
         )
 
-    @property
-    def has_contacts(self) -> bool:
-        return self._geometry.contacts is not None
-
-    def contacts(self, row: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pairs of points that push each other, and their normal forces, N."""
+    def contacts(self, row: int) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the pairs of points that push each other, and their normal forces, N; None without contacts."""
         geometry, t = self._geometry, float(self._solution.t[row])
-        assert geometry.contacts is not None
+        if geometry.contacts is None:
+            return None
         assert geometry.velocities is not None
         x, v = self._of_row(geometry.places, row, "u"), self._of_row(geometry.velocities, row, "v")
         inside, _ = wrapped(x, self._lattice(t) / self._scale, self.periodic)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ..command_line import Files
-from ..drawing import NO_PICTURES
 from ..result.solution import Status
 from . import pictures
 from .study import Study
@@ -30,7 +29,7 @@ def save(study: Study, out: Path, write: Callable[[str], None]) -> None:
         _write_csv(study, path)
     with files.writing("sweep.npz") as path:
         np.savez_compressed(path, **_arrays(study))
-    files.finish(write, _save_picture(study, files))
+    files.finish(write, files.draw("sweep.png", lambda figure: pictures.draw(figure, study)))
 
 
 def _settings(study: Study) -> list[str]:
@@ -90,15 +89,3 @@ def _arrays(study: Study) -> dict[str, Any]:
         axes = {name: np.unique(column) for name, column in study.columns.items()}
         return {**axes, **{name: array.reshape(shape) for name, array in arrays.items()}}
     return {**study.columns, **arrays}
-
-
-def _save_picture(study: Study, files: Files) -> str:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        return NO_PICTURES
-    figure = Figure(layout="constrained")
-    pictures.draw(figure, study)
-    with files.writing("sweep.png") as path:
-        figure.savefig(path, dpi=130)
-    return ""

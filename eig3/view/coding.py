@@ -20,11 +20,6 @@ def text_of(values: np.ndarray) -> str:
     return base64.b64encode(zlib.compress(data.tobytes(), _LEVEL)).decode()
 
 
-def bytes_of(text: str) -> bytes:
-    """Return the bytes that `text_of` coded."""
-    return zlib.decompress(base64.b64decode(text))
-
-
 def rounded(x: np.ndarray, low: np.ndarray, size: np.ndarray, bits: int) -> np.ndarray:
     """Return positions, shape (frames, points, d), as integers: the number of a cell of the box of motion.
 
@@ -33,11 +28,6 @@ def rounded(x: np.ndarray, low: np.ndarray, size: np.ndarray, bits: int) -> np.n
     cells = 2**bits
     share = (x - low) / np.where(size > 0, size, 1.0)
     return np.asarray(np.clip(np.floor(share * cells), 0, cells - 1).astype(np.int32))
-
-
-def centres(q: np.ndarray, low: np.ndarray, size: np.ndarray, bits: int) -> np.ndarray:
-    """Return the positions of the centres of cells."""
-    return low + (q + 0.5 * (size > 0)) * size / 2**bits
 
 
 def differences(q: np.ndarray, bits: int) -> np.ndarray:
@@ -55,14 +45,3 @@ def differences(q: np.ndarray, bits: int) -> np.ndarray:
     if bits <= 8:
         return unsigned.astype(np.uint8)
     return np.concatenate([unsigned & 255, unsigned >> 8], axis=1).astype(np.uint8)
-
-
-def restored(data: bytes, frames: int, bits: int) -> np.ndarray:
-    """Return the integers that `differences` coded, shape (frames, numbers)."""
-    rows = np.frombuffer(data, dtype=np.uint8).reshape(frames, -1).astype(np.int32)
-    if bits > 8:
-        low, high = np.split(rows, 2, axis=1)
-        rows = low + 256 * high
-    d = (rows >> 1) ^ -(rows & 1)
-    d[1:] = np.cumsum(d[1:], axis=0)
-    return np.cumsum(d, axis=0) % 2**bits
