@@ -245,7 +245,7 @@ def _motion(values: np.ndarray) -> int:
     logarithm = np.log(level)
     lasts = np.interp(logarithm + np.log(_GROWTH), logarithm, begin) - begin
     # Take the first size that lasts about as long as the size that lasts longest. If the run grows from its start, all
-    # # sizes last equally long.
+    # sizes last equally long.
     scale = level[np.argmax(lasts >= 0.75 * lasts.max())]
     return int(np.searchsorted(size / scale, _GROWTH, side="right")) if size[-1] / scale > _BLOW_UP else len(size)
 

@@ -535,7 +535,7 @@ class Langevin(Method):
 
 
 #: The names of the deterministic methods of the library. `METHODS` also contains stochastic methods, and methods that
-#: #: a user defines.
+#: a user defines.
 LIBRARY: tuple[str, ...] = tuple(name for name, record in METHODS.items() if not record().is_stochastic)
 
 

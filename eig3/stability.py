@@ -269,7 +269,7 @@ def first_exit(
     if math.isinf(low):
         return low
     # Beyond a limit the excess rises steeply, or it is negative well before the limit. An excess that grows as a power
-    # # of x exceeds the tolerance too, but is hardly larger slightly beyond.
+    # of x exceeds the tolerance too, but is hardly larger slightly beyond.
     further, before = excess(_BEYOND * high), excess(np.array([high / 2]))[0]
     is_limit = further.max() > 2 * tolerance or before < -tolerance
     return low if is_limit else 0.0

@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -88,6 +89,6 @@ fix plane all enforce2d
 fix floor grains wall/gran granular {_CONTACT} yplane {-FLOOR * DIAMETER} NULL"""
     in_space = np.column_stack([places, np.zeros(len(places))])
     simulation = Simulation(before, after, in_space, np.zeros_like(in_space))
-    atom = simulation.solver.numpy.extract_atom
-    atom("radius")[: len(places)] = problem.view.radii[atom("id")[: len(places)] - 1]
+    atom, view = simulation.solver.numpy.extract_atom, cast(Any, problem.view)
+    atom("radius")[: len(places)] = view.radii[atom("id")[: len(places)] - 1]
     return simulation
