@@ -80,8 +80,8 @@ def test_an_orbit_with_close_passages_is_run_with_tolerances():
 def test_impacts_are_followed():
     """Between impacts every method is exact, so that any step is short enough; falling freely, u would be -80 m."""
     problem = problems.bouncing_ball()
-    plan = eig3.plan(problem, 1e-6, methods=["rk4", "rk8"])
-    assert len(plan.predictions) == 3
+    plan = eig3.plan(problem, 1e-6, methods=["rk8"])
+    assert len(plan.predictions) == 2
     for prediction in plan.predictions:
         assert prediction.error < 1e-10
         assert achieved(prediction, problem) < 1e-10
@@ -104,7 +104,7 @@ def test_a_tolerance_that_is_not_found_has_a_reason():
 
 def test_energy_is_a_metric():
     problem = problems.spring_pendulum(t_end=10.0)
-    plan = eig3.plan(problem, 1e-4, metric="energy", methods=["eig3", "rk4", "rk8"])
+    plan = eig3.plan(problem, 1e-4, metric="energy", methods=["eig3", "rk8"])
     scale = abs(problem.energy(0.0, np.array(problem.u0), np.array(problem.v0), np.array(problem.params)))
     for prediction in plan.predictions:
         drift = problem.integrate(**prediction.options).drift["energy"]
