@@ -89,7 +89,7 @@ def on_a_post(effect, m, place, speed, post, inertia=SPHERE, field=(0.0, 0.0)):
     return scene
 
 
-def of_three(m, places, speeds, spins=np.zeros((3, 3)), **fields):
+def of_three(m, places, speeds, spins=0.0, **fields):
     """Three spheres in space with radii of their own."""
     scene = Scene(3)
     grains = scene.mass(m, places, speeds, inertia=SPHERE * np.array([1.0, 2.0, 3.0]), angular_velocity=spins)

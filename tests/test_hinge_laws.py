@@ -12,7 +12,6 @@ from eig3.effects import (
     LinearDamper,
     LinearSpring,
     MassImpact,
-    Maxwell,
 )
 from eig3.scene import Scene
 
@@ -50,7 +49,7 @@ def flap(*laws, dimension=2, speed=-3.0):
 @pytest.mark.parametrize(
     ("dimension", "laws"),
     [
-        (2, (ElasticPlastic(20.0, 5.0, 0.1, isotropic=0.5), Gap(50.0, 0.1), Maxwell(30.0, 6.0))),
+        (2, (ElasticPlastic(20.0, 5.0, 0.1, isotropic=0.5), Gap(50.0, 0.1))),
         (3, (Breaking(BoucWen(20.0, 0.2, 0.1), max_energy=2.0), LinearSpring(9.0), LinearDamper(0.1))),
     ],
 )
