@@ -418,7 +418,7 @@ def test_threads_may_share_a_solution_and_a_problem():
             np.array_equal(run.at(t[some])[0], expected[0][some])
             and np.array_equal(precise.at(t[some])[0], expected[1][some])
             and np.array_equal(problem.energy_of(run.u[back], run.v[back]), expected[2][back])
-            for _ in range(20)
+            for _ in range(5)
         )
 
     with ThreadPoolExecutor(8) as pool:
