@@ -65,12 +65,11 @@ def assert_single_runs(solution, problem, members, **options):
         assert member.drift == pytest.approx(alone.drift, abs=1e-9)
 
 
-@pytest.mark.parametrize("method", ["eig3", "rk4"])
-def test_pendulums_with_their_own_lengths_masses_and_gravity(method):
+def test_pendulums_with_their_own_lengths_masses_and_gravity():
     numbers = np.random.default_rng(1).uniform(0.5, 2.0, (20, 3))
     problems = [pendulum(*row) for row in numbers]
     params, u0 = np.array([problem.params for problem in problems]), np.array([problem.u0 for problem in problems])
-    options = {"h": 1e-3, "method": method, "save_every": 100}
+    options = {"h": 1e-3, "method": "rk4", "save_every": 100}
     solution = problems[0].ensemble(params=params, u0=u0, **options)
     assert_single_runs(solution, problems[0], {i: {"params": params[i], "u0": u0[i]} for i in (0, 7, 19)}, **options)
     # the rod keeps its length, and the velocity its direction, to round-off

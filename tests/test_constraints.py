@@ -104,13 +104,10 @@ def with_its_motion(make):
 STEPS = {"eig3": (2, 4e-3), "rk4": (4, 2e-2), "eig5": (4, 4e-3), "ab2": (2, 2e-3)}
 
 
-@pytest.mark.parametrize(
-    ("make", "method"),
-    [
-        *zip(SCENES, ("ab2", "rk4", "eig3", "eig5", "eig3"), strict=True),
-        (driven, "rk4"),
-    ],
-)
+RUNS = [*zip(SCENES, ("ab2", "rk4", "eig3", "eig5", "eig3"), strict=True), (driven, "rk4")]
+
+
+@pytest.mark.parametrize(("make", "method"), RUNS)
 def test_positions_and_reactions_keep_the_order(make, method):
     order, h = STEPS[method]
     problem, exact = with_its_motion(make)

@@ -158,10 +158,10 @@ def test_a_force_is_minus_the_gradient_of_its_potential(name, dimension):
     np.testing.assert_allclose(force, -np.array(gradient), rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize(("name", "dimension"), CASES)
+@pytest.mark.parametrize(("name", "dimension"), [case for case in CASES if case not in (("torque", 2), ("motor", 2))])
 def test_the_force_depends_on_the_velocity_if_the_effect_reads_it(name, dimension):
     problem = scene_with(name, dimension=dimension)
-    # Python does not run the forces of rigid bodies, which have reactions.
+    # Python does not run the forces of rigid bodies, which have reactions: their code takes long in space already.
     rhs = problem.rhs if problem.outputs else problem.rhs.py_func
     moving, other = (acceleration(problem, problem.u0, v, rhs=rhs) for v in (problem.v0, problem.v0 + 1.0))
     assert (moving != other).any() == problem.uses_velocity

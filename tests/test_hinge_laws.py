@@ -98,7 +98,9 @@ def test_a_plastic_hinge_and_a_gap_between_two_bodies():
 
 test_what_is_wrong_is_refused_in_a_sentence = refusals(
     {
-        "law of HingeLawInSpace must act along one line, and LeadRubber does not": lambda: flap(LeadRubber(1.0, 1.0, 0.1)),
+        "law of HingeLawInSpace must act along one line, and LeadRubber does not": lambda: flap(
+            LeadRubber(1.0, 1.0, 0.1)
+        ),
         "Breaking is broken at the start": lambda: flap(Breaking(LinearSpring(9.0, 0.5), min_stretch=-0.4)),
     },
     {
