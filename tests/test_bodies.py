@@ -84,28 +84,6 @@ def test_a_bar_on_a_hinge_is_that_of_its_angle(options, tolerance):
     np.testing.assert_allclose(np.abs(reactions), np.abs(hinge), rtol=0, atol=300 * tolerance)
 
 
-def test_a_heavy_top_keeps_what_is_constant():
-    """Its energy, and its angular momentum about the vertical and about its own axis (Lagrange's top)."""
-    scene = Scene(3)
-    turn = Rotation.from_euler("x", 0.5)
-    axis = turn.apply([0.0, 0.0, 1.0])
-    spin = 60.0 * axis
-    top = scene.body(
-        0.5, (4e-4, 4e-4, 5e-4), 0.05 * axis, turn, velocity=np.cross(spin, 0.05 * axis), angular_velocity=spin
-    )
-    top.spherical(None, (0.0, 0.0, 0.0))
-    scene.add(effects.Gravity((0.0, 0.0, -G)))
-    run = scene.problem((0.0, 1.0)).integrate(h=1e-4, method="rk8", save_every=100)
-    frames, spins = Rotation.from_quat(top.rotation(run.u)), top.angular_velocity(run.u, run.v)
-    about_centre = frames.apply(frames.inv().apply(spins) * [4e-4, 4e-4, 5e-4])
-    momentum = about_centre + 0.5 * np.cross(top.centre.positions(run.u), top.centre.velocities(run.v))
-    along_axis = np.sum(spins * frames.apply([0.0, 0.0, 1.0]), axis=-1)
-    assert np.ptp(momentum[:, 2]) < 1e-11
-    assert np.ptp(along_axis) < 1e-9
-    assert run.drift["energy"] < 1e-11
-    assert np.ptp(top.centre.positions(run.u)[:, 0]) > 0.01  # it precesses
-
-
 @eig3.jit
 def rising(t):
     return 3.0 * t
@@ -126,13 +104,14 @@ def test_a_motor_is_a_torque_that_depends_on_the_time(dimension):
         scene.add(effects.Motor(rising), bar.axes)
     else:
         bar = scene.body(3.0, (0.1, 0.3, 0.25), (0.5, 0.0, 0.0))
-        bar.revolute(None, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+        bar.revolute(None, (0.0, 0.0, 0.0), (0.0, 0.0, 2.0))
         scene.add(effects.Motor(rising_about_an_axis), bar.axes)
     problem = pickle.loads(pickle.dumps(scene.problem((0.0, 1.0))))
     run = problem.integrate(h=1e-3, method="rk4")
     angle = np.arctan2(*bar.centre.positions(run.u)[-1, [1, 0]])
     assert angle == pytest.approx(0.5, abs=1e-10)
-    assert np.linalg.norm(np.atleast_1d(bar.angular_velocity(run.u, run.v)[-1])) == pytest.approx(1.5, abs=1e-9)
+    spin = np.atleast_1d(bar.angular_velocity(run.u, run.v)[-1])
+    np.testing.assert_allclose(spin, [0.0, 0.0, 1.5][-len(spin) :], rtol=0, atol=1e-9)
 
 
 @eig3.jit
@@ -241,13 +220,6 @@ def test_coulombs_friction_in_a_hinge_stops_a_wheel():
 
 
 def test_joints_leave_what_they_should():
-    door = Scene(3)
-    leaf = door.body(3.0, (0.1, 0.3, 0.25), (0.5, 0.0, 0.0))
-    leaf.revolute(None, (0.0, 0.0, 0.0), (0.0, 0.0, 2.0))
-    door.add(effects.Torque((0.3, 0.0, 2.0)), leaf.axes)
-    run = door.problem((0.0, 1.0)).integrate(h=1e-2, method="rk4")
-    np.testing.assert_allclose(leaf.angular_velocity(run.u, run.v)[-1], [0.0, 0.0, 2.0 / (0.25 + 3 * 0.25)], atol=1e-9)
-
     rail = Scene(3)
     car = rail.body(3.0, (0.1, 0.3, 0.25), (0.5, 0.0, 0.0))
     car.prismatic(None, (0.0, 0.0, 0.0), (1.0, 0.0, 1.0))

@@ -33,7 +33,7 @@ def double_pendulum():
 
 
 def slider_crank(torque=0.5):
-    """The rod pulls at a spring, on a point of the body on which a force acts."""
+    """The rod pulls at a spring, on a point of the body on which a force acts, and the pin may touch a stop."""
     scene = Scene(2)
     crank = scene.body(mass=2.0, inertia=0.02, position=(0.05, 0.0))
     crank.revolute(None, (0.0, 0.0))
@@ -42,6 +42,7 @@ def slider_crank(torque=0.5):
     scene.add(effects.Slider(direction=(1.0, 0.0)), block)
     scene.add(effects.Torque(torque), crank.axes)
     scene.add(effects.LinearSpring(200.0, 0.3), crank.point((0.0, 0.1)), scene.fixed((0.0, 0.5)))
+    scene.add(effects.RigidStop((0.0, -1.0), -0.05), pin)
     return scene.problem((0.0, 0.5), work=True)
 
 
@@ -64,12 +65,11 @@ def assert_single_runs(solution, problem, members, **options):
         assert member.drift == pytest.approx(alone.drift, abs=1e-9)
 
 
-@pytest.mark.parametrize("method", ["eig3", "rk4"])
-def test_pendulums_with_their_own_lengths_masses_and_gravity(method):
+def test_pendulums_with_their_own_lengths_masses_and_gravity():
     numbers = np.random.default_rng(1).uniform(0.5, 2.0, (20, 3))
     problems = [pendulum(*row) for row in numbers]
     params, u0 = np.array([problem.params for problem in problems]), np.array([problem.u0 for problem in problems])
-    options = {"h": 1e-3, "method": method, "save_every": 100}
+    options = {"h": 1e-3, "method": "rk4", "save_every": 100}
     solution = problems[0].ensemble(params=params, u0=u0, **options)
     assert_single_runs(solution, problems[0], {i: {"params": params[i], "u0": u0[i]} for i in (0, 7, 19)}, **options)
     # the rod keeps its length, and the velocity its direction, to round-off
@@ -91,14 +91,18 @@ def test_double_pendulums_with_reactions_and_steps_of_their_own(method):
     np.testing.assert_allclose(np.linalg.norm(x[:, 1] - x[:, 0], axis=-1), 0.5, rtol=1e-15)
 
 
-@pytest.mark.parametrize("method", ["eig3", "rk4"])
-def test_slider_cranks_follow_their_work(method):
+def test_slider_cranks_follow_their_work_and_an_event():
+    """The lanes watch the height of the pin; the members in which it rises to the stop run again as single runs."""
     problem = slider_crank()
-    params = np.array([slider_crank(torque).params for torque in np.linspace(0.1, 2.0, 20)])
-    options = {"h": 1e-3, "method": method, "save_every": 100}
+    params = np.array([slider_crank(torque).params for torque in np.linspace(-3.0, 2.0, 20)])
+    events = {"touch": eig3.Event(problem.events["rigid stop 0"].g)}
+    options = {"h": 1e-3, "events": events, "save_every": 100}
     solution = problem.ensemble(params=params, **options)
-    assert_single_runs(solution, problem, {i: {"params": params[i]} for i in (0, 19)}, **options)
+    assert_single_runs(solution, problem, {i: {"params": params[i]} for i in (0, 10, 19)}, **options)
     assert np.ptp(solution.u[:, -1, 1]) > 0.1  # the cranks turn by different angles
+    first = solution.events["touch"].first
+    assert np.isfinite(first[-1])
+    assert np.isnan(first[0])
 
 
 def test_a_member_has_its_bits_wherever_it_runs():
@@ -129,25 +133,6 @@ def test_a_lane_that_finds_no_state_ends_as_a_single_run(method):
     assert "no state was found that keeps the constraints" in solution[0].message
 
 
-def test_an_event_at_a_point_of_a_body():
-    """The lanes watch the height of the point; the members in which it falls to the stop run again as single runs."""
-    scene = Scene(2)
-    arm = scene.body(mass=2.0, inertia=0.05, position=(0.3, 0.0))
-    arm.revolute(None, (0.0, 0.0))
-    scene.add(effects.Gravity((0.0, -G)))
-    scene.add(effects.RigidStop((0.0, 1.0), -0.2, restitution=0.5), arm.point((0.3, 0.0)))
-    problem = scene.problem((0.0, 0.4))
-    events = {"touch": eig3.Event(problem.events["rigid stop 0"].g)}
-    spin = np.linspace(-1.0, 5.0, 20)
-    v0 = np.array([[0.0, 0.0, -w, 0.3 * w, w, 0.0] for w in spin])
-    options = {"h": 1e-3, "events": events, "save_every": 400}
-    solution = problem.ensemble(v0=v0, **options)
-    assert_single_runs(solution, problem, {i: {"v0": v0[i]} for i in (0, 10, 19)}, **options)
-    first = solution.events["touch"].first
-    assert np.isfinite(first[0])
-    assert np.isnan(first[-1])
-
-
 @pytest.mark.usefixtures("in_lanes")
 def test_pendulums_with_tolerances_strike_a_wall_in_lanes():
     """The wall acts in the lane of a member, which then goes on there."""
@@ -158,7 +143,7 @@ def test_pendulums_with_tolerances_strike_a_wall_in_lanes():
     scene.add(effects.RigidStop((1.0, 0.0), -0.3, restitution=0.7), bob)
     problem = scene.problem((0.0, 1.5))
     v0 = np.column_stack([np.zeros(40), np.linspace(-2.0, 3.0, 40)])
-    options = {"rtol": 1e-7, "method": "rk8", "t_eval": np.linspace(0.0, 1.5, 4), "invariants": {}}
+    options = {"rtol": 1e-7, "method": "rk5", "t_eval": np.linspace(0.0, 1.5, 4), "invariants": {}}
     solution = problem.ensemble(v0=v0, **options)
     assert solution.notes == ()
     for i in (0, 20, 39):

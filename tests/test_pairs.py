@@ -1,4 +1,4 @@
-"""Every pair of options of `integrate`, with a fixed step and with tolerances: each gives what it gives alone."""
+"""Pairs of options of `integrate`, with a fixed step and with tolerances: each gives what it gives alone."""
 
 import itertools
 
@@ -44,7 +44,15 @@ OPTIONS = {
 }
 AFTERWARDS = ("save_to", "extend", "save", "at", "tables")
 NAMES = (*EVENTS, *OPTIONS, *AFTERWARDS)
-PAIRS = [pair for pair in itertools.combinations(NAMES, 2) if set(pair) != {"save_every", "t_eval"}]
+WITH_INLINE = {"inline", "progress", *AFTERWARDS}
+PAIRS = [
+    pair
+    for pair in itertools.combinations(NAMES, 2)
+    if set(pair) != {"save_every", "t_eval"} and ("inline" not in pair or WITH_INLINE.issuperset(pair))
+]
+# Each set of looks is another loop to compile with inline: these have all.
+PAIRS += [("events", "apply", "save_every", "outputs", "invariants", "invariants_every", "inline")]
+PAIRS += [("terminal", "t_eval", "outputs", "inline")]
 
 
 def integrate(names, steps, t_end=SPAN[1], **further):
@@ -61,7 +69,7 @@ def integrate(names, steps, t_end=SPAN[1], **further):
 
 def whole(names, steps):
     """The run with the same motion in which everything is followed, and every step saved."""
-    kept = [name for name in names if name in ("apply", "terminal", "inline", "t_eval", "invariants_every")]
+    kept = [name for name in names if name in ("apply", "terminal", "t_eval", "invariants_every")]
     return integrate([*kept, "events", "outputs", "invariants"], steps)
 
 

@@ -41,6 +41,11 @@ def code(problem):
     return inspect.getsource(inspect.unwrap(problem.rhs.py_func))
 
 
+def at_start(problem, t=0.0):
+    """The acceleration as Python computes it from the code, which takes no time to compile."""
+    return acceleration(problem, problem.u0, problem.v0, t, problem.rhs.py_func)
+
+
 # The compiled right-hand side against a sum computed pair by pair
 
 
@@ -78,10 +83,9 @@ def topology(dimension, n, seed, part_fixed, strides, scattered, is_shuffled):
     return dimension, is_fixed, pairs, rng
 
 
-@pytest.mark.parametrize("dimension", [1, 3])
-def test_a_scene_is_the_sum_of_its_effects(dimension):
-    many = topology(dimension, 40, 1, 0.2, [1, 5], 30, is_shuffled=dimension == 3)
-    check_sum(lambda problem: problem.rhs, *many, same_masses=dimension == 1, same_springs=False)
+def test_a_scene_is_the_sum_of_its_effects():
+    many = topology(3, 40, 1, 0.2, [1, 5], 30, is_shuffled=True)
+    check_sum(lambda problem: problem.rhs, *many, same_masses=False, same_springs=False)
 
 
 @settings(max_examples=60, deadline=None)
@@ -177,8 +181,8 @@ def test_the_pendulum_is_the_polar_one(method, order):
 ARTICLE = [
     pytest.param(table, effect, method, h, entry, id=f"table{table.number}-{method}-{h:g}")
     for table, effect in ((TABLES[1], HardeningSpring(100.0, 10.0)), (TABLES[2], SofteningSpring(100.0)))
-    for method, entries in table.entries.items()
-    for h, entry in zip(table.steps[:3], entries, strict=False)
+    for method in ("eig3", "cd")  # the code of a scene is the same for all
+    for h, entry in zip(table.steps[:3], table.entries[method], strict=False)
 ]
 
 
@@ -194,8 +198,7 @@ def test_springs_give_tables_2_and_3_of_the_article(table, effect, method, h, en
     ours, theirs = (x.integrate(**options) for x in (problem, by_hand))
     assert ours.drift["energy"] == pytest.approx(entry.recomputed, rel=0.02)
     assert ours.n_rhs == theirs.n_rhs
-    # round-off, which the instability of AB2 and RK2 amplifies at the longest steps
-    np.testing.assert_allclose(mass.positions(ours.u), theirs.u, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(mass.positions(ours.u), theirs.u, rtol=0, atol=1e-6)  # round-off
 
 
 def free_net():
@@ -214,42 +217,21 @@ def momenta(net, masses, solution):
     return p.sum(axis=(1, 2)), np.cross(x, p).sum(axis=(1, 2))
 
 
-@pytest.mark.parametrize("damped", [False, True])
-def test_forces_between_masses_add_up_to_zero(damped):
-    scene, net = free_net()
-    if damped:
-        scene.add(LinearDamper(0.4), net[:-1, :-1], net[1:, 1:])
-    problem = scene.problem((0.0, 1.0))
-    masses = scene._cloud().masses.reshape(6, 5)
-    a = net.velocities(acceleration(problem, problem.u0, problem.v0)) * masses[..., None]
-    size = np.abs(a).sum()
-    assert np.abs(a.sum(axis=(0, 1))).max() < 1e-15 * size
-    assert np.abs(np.cross(net.positions(problem.u0), a).sum(axis=(0, 1))).max() < 1e-14 * size
-
-
-@pytest.mark.parametrize("method", ["eig3", "cd", "rk4", "ab3"])
+@pytest.mark.parametrize("method", ["eig3", "cd", "rk4"])
 def test_a_free_net_keeps_its_momentum(method):
     """Every method keeps the momentum, which is linear, to the round-off of 5000 steps.
 
-    Central difference, whose v is (u_{n+1} - u_{n-1}) / 2h, also keeps the angular momentum, except in its first step.
+    Central difference, whose v is (u_{n+1} - u_{n-1}) / 2h, also keeps the angular momentum, except in its first step,
+    and EIG-3 keeps it to its second order.
     """
     scene, net = free_net()
-    masses = scene._cloud().masses.reshape(6, 5)
-    p, angular = momenta(net, masses, scene.problem((0.0, 5.0)).integrate(h=1e-3, method=method))
-    assert np.abs(p - p[0]).max() < 1e-11
-    if method == "cd":
-        assert np.abs(angular - angular[0]).max() < 1e-10
-
-
-def test_angular_momentum_is_kept_to_second_order_by_eig3():
-    scene, net = free_net()
-    masses = scene._cloud().masses.reshape(6, 5)
-    problem = scene.problem((0.0, 2.0))
-    drifts = []
+    masses, drifts = scene._cloud().masses.reshape(6, 5), []
     for h in (1e-3, 5e-4):
-        _, angular = momenta(net, masses, problem.integrate(h=h))
+        p, angular = momenta(net, masses, scene.problem((0.0, 5.0)).integrate(h=h, method=method))
+        assert np.abs(p - p[0]).max() < 1e-11
         drifts.append(np.abs(angular - angular[0]).max())
-    assert drifts[0] / drifts[1] > 3.5
+    assert method != "cd" or max(drifts) < 1e-10
+    assert method != "eig3" or drifts[0] / drifts[1] > 3.5
 
 
 @pytest.mark.parametrize(("method", "order"), [("eig3", 2), ("cd", 2), ("rk4", 4), ("ab3", 3)])
@@ -328,16 +310,12 @@ def test_a_failed_run_keeps_the_work_apart_too():
 # Many links
 
 
-def lattice(n):
-    """Masses near the points of a square lattice of distance 1."""
+def all_pairs(effect, n):
+    """Masses near the points of a square lattice of distance 1, with an effect between every two."""
     side = math.isqrt(n - 1) + 1
     places = np.stack(np.divmod(np.arange(n), side), -1) + 0.05 * np.random.default_rng(n).standard_normal((n, 2))
     scene = Scene(2)
-    return scene, scene.mass(np.linspace(1.0, 2.0, n), places)
-
-
-def all_pairs(effect, n):
-    scene, discs = lattice(n)
+    discs = scene.mass(np.linspace(1.0, 2.0, n), places)
     i, j = np.triu_indices(n, 1)
     scene.add(effect, discs[i], discs[j])
     return scene, discs
@@ -358,11 +336,10 @@ def test_all_pairs_of_discs_have_code_of_bounded_length(n):
     push = 1e3 * np.maximum(0, 1 - r) ** 1.5
     force = (-(push / r)[..., None] * d).sum(axis=1)
     energy = 0.4 * 1e3 * (np.maximum(0, 1 - r) ** 2.5).sum() / 2
-    rhs, stored = (function if n == 20 else function.py_func for function in (problem.rhs, problem.energy))
-    found = discs.velocities(acceleration(problem, problem.u0, problem.v0, rhs=rhs)) * np.linspace(1.0, 2.0, n)[:, None]
+    found = discs.velocities(at_start(problem)) * np.linspace(1.0, 2.0, n)[:, None]
     # sums of a few terms of size 10
     np.testing.assert_allclose(found, force, rtol=0, atol=1e-12)
-    assert stored(0.0, problem.u0, problem.v0, problem.params) == pytest.approx(energy, rel=1e-12)
+    assert problem.energy.py_func(0.0, problem.u0, problem.v0, problem.params) == pytest.approx(energy, rel=1e-12)
 
 
 def test_links_with_many_index_distances_share_a_loop():
@@ -441,8 +418,7 @@ def test_supports_with_records_of_their_own_share_code():
     """Few motions have lines of their own and many are computed in the loop over the springs: both move the posts."""
     for n in (2, 30):
         problem, masses, expected = shaken_posts(n)
-        rhs = problem.rhs.py_func if n == 2 else None
-        found = masses.velocities(acceleration(problem, problem.u0, problem.v0, 0.7, rhs))
+        found = masses.velocities(at_start(problem, 0.7))
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
         assert f"{n + 1} x SampledMotion" in problem.note
     more, _, _ = shaken_posts(300)
@@ -473,7 +449,7 @@ def test_a_cutoff_is_a_field_of_ones_own_and_each_pair_may_have_another():
     post, masses = scene.fixed((0.0, 0.0)), scene.mass(1.0, [(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)])
     scene.add(Wall([5.0, 6.0, 7.0], [1.5, 1.5, 3.5]), post, masses)
     problem = scene.problem((0.0, 1.0))
-    assert masses.velocities(acceleration(problem, problem.u0, problem.v0))[:, 0] == pytest.approx([5.0, 0.0, 7.0])
+    assert masses.velocities(at_start(problem))[:, 0] == pytest.approx([5.0, 0.0, 7.0])
 
 
 def test_a_link_with_a_cutoff_and_one_without_between_the_same_points():
@@ -483,7 +459,7 @@ def test_a_link_with_a_cutoff_and_one_without_between_the_same_points():
     scene.add(HertzContact(10.0, 1.0), a, b)
     scene.add(LinearSpring(2.0, 1.0), a, b)
     problem = scene.problem((0.0, 1.0))
-    assert a.velocities(acceleration(problem, problem.u0, problem.v0)).tolist() == [4.0, 0.0]
+    assert a.velocities(at_start(problem)).tolist() == [4.0, 0.0]
 
 
 # No code for effects that a scene does not have
@@ -514,7 +490,6 @@ def test_another_effect_in_the_library_changes_no_instruction():
     def instructions():
         codegen._functions.cache_clear()
         problem, _ = cartesian_pendulum()
-        acceleration(problem, problem.u0, problem.v0)
         rhs = eig3.jit(problem.rhs.py_func, cache=False)  # code from the disk has no text
         rhs(0.0, problem.u0, problem.v0, problem.params, np.empty(problem.u0.size))
         assembly = next(iter(rhs.for_python.inspect_asm().values()))
@@ -535,7 +510,7 @@ def test_another_effect_in_the_library_changes_no_instruction():
     scene.mass(1.0, (0.0, 0.0))
     scene.add(Wind(3.0))
     problem = scene.problem((0.0, 1.0))
-    assert acceleration(problem, problem.u0, problem.v0).tolist() == [3.0, 0.0]
+    assert at_start(problem).tolist() == [3.0, 0.0]
     assert instructions() == before
     assert len(before) > 20
 
@@ -548,8 +523,8 @@ def test_scenes_of_one_structure_share_their_code():
 
     one, other = pair(3.0), pair(4.0)
     assert one.rhs is other.rhs
-    assert acceleration(one, one.u0, one.v0)[0] == 1.5
-    assert acceleration(other, other.u0, other.v0)[0] == 2.0
+    assert at_start(one)[0] == 1.5
+    assert at_start(other)[0] == 2.0
 
 
 @pytest.mark.parametrize("nesting", [lambda links: links, lambda links: [(b, a) for a, b in reversed(links)]])
@@ -563,14 +538,6 @@ def test_springs_and_dampers_between_the_same_points_share_a_loop(nesting):
     assert "19 x LinearSpring\n19 x LinearDamper" in problem.note
     assert code(problem).count("for s in range(19)") == 1
     assert code(problem).count("sqrt(") == 1
-
-
-def test_a_net_has_loops_without_tables_of_indices():
-    scene = Scene(3)
-    net = scene.mass(1.0, np.random.default_rng(0).standard_normal((20, 20, 3)))
-    for a, b in ((net[:-1], net[1:]), (net[:, :-1], net[:, 1:]), (net[1:, :-1], net[:-1, 1:])):
-        scene.add(LinearSpring(2.0, 0.1), a, b)
-    assert scene.problem((0.0, 1.0)).params.size < 300
 
 
 # Points
@@ -625,24 +592,13 @@ def test_a_mesh_has_positions_and_velocities_at_fixed_points_too():
         mesh.positions(run.u, [0.0, 0.5, 1.0])
 
 
-def test_a_problem_is_the_scene_as_it_was():
-    scene = Scene(1)
-    mass = scene.mass(1.0, 0.0)
-    scene.add(Gravity(-1.0))
-    before = scene.problem((0.0, 1.0))
-    scene.add(Gravity(-2.0), mass)
-    after = scene.problem((0.0, 1.0))
-    assert acceleration(before, before.u0, before.v0) == -1.0
-    assert acceleration(after, after.u0, after.v0) == -3.0
-
-
 def test_each_may_have_its_own_parameters():
     scene = Scene(2)
     masses = scene.mass([1.0, 2.0, 4.0], np.zeros((3, 2)))
     scene.add(HarmonicForce([(1.0, 0.0), (0.0, 2.0), (3.0, 3.0)], 0.0))
     scene.add(Gravity([(0.0, 1.0), (0.0, 2.0)]), masses[1:])
     problem = scene.problem((0.0, 1.0))
-    found = masses.velocities(acceleration(problem, problem.u0, problem.v0))
+    found = masses.velocities(at_start(problem))
     assert found.tolist() == [[1.0, 0.0], [0.0, 2.0], [0.75, 2.75]]
 
 
@@ -655,17 +611,18 @@ def test_motions_of_one_support_add_up():
     problem = scene.problem((0.0, 1.0))
     shift = shaken(0.2)[0]
     expected = [shift + 10 * (1 + shift), 10 * 2 * shift]
-    assert acceleration(problem, problem.u0, problem.v0, 0.2) == pytest.approx(expected)
+    assert at_start(problem, 0.2) == pytest.approx(expected)
 
 
 def test_coinciding_ends_without_a_length_give_no_nan():
-    scene = Scene(3)
-    a, b = scene.mass(1.0, np.zeros((2, 3)), [(1.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
-    scene.add(LinearSpring(5.0), a, b)
-    scene.add(LinearDamper(1.0), a, b)
+    """A length of 0 may be among others."""
+    scene = Scene(2)
+    masses = scene.mass(1.0, [(0.0, 0.0), (0.0, 0.0), (2.0, 0.0)])
+    scene.add(LinearSpring(1.0, [0.0, 0.5]), masses[:-1], masses[1:])
+    scene.add(LinearDamper(1.0), masses[0], masses[1])
     problem = scene.problem((0.0, 1.0))
-    assert not acceleration(problem, problem.u0, problem.v0).any()
-    assert problem.integrate(h=1e-3).success
+    assert masses.velocities(at_start(problem))[:, 0].tolist() == [0.0, 1.5, -1.5]
+    assert np.isfinite(problem.integrate(h=1e-3).u).all()
 
 
 # An effect that a user defines
@@ -713,7 +670,7 @@ def test_names_in_ones_own_effect_do_not_clash_with_those_of_the_code():
         scene.add(SupportMotion(shaken, (1.0, 0.5)), post)
         scene.add(effect, post, masses)
         problem = scene.problem((0.0, 1.0))
-        found.append(acceleration(problem, problem.u0, problem.v0, 0.3))
+        found.append(at_start(problem, 0.3))
     np.testing.assert_allclose(*found, rtol=1e-14)
 
 
@@ -737,7 +694,7 @@ def test_results_have_names_of_their_own():
     scene.mass([1.0, 2.0], [0.0, 1.0])
     scene.add(Push(3.0, 10.0))
     problem = scene.problem((0.0, 1.0))
-    assert acceleration(problem, problem.u0, problem.v0).tolist() == [13.0, 11.5]
+    assert at_start(problem).tolist() == [13.0, 11.5]
 
 
 @eig3.jit
@@ -756,7 +713,7 @@ def test_one_function_may_be_a_force_here_and_an_acceleration_there():
     scene.add(Either(force=unit), masses[0])
     scene.add(Either(acceleration=unit), masses[1])
     problem = scene.problem((0.0, 1.0))
-    assert acceleration(problem, problem.u0, problem.v0).tolist() == [0.5, 1.0]
+    assert at_start(problem).tolist() == [0.5, 1.0]
 
 
 def test_nothing_acts_on_no_points():
@@ -766,18 +723,6 @@ def test_nothing_acts_on_no_points():
     scene.add(Gravity((0.0, 1.0)), masses[:0])
     scene.add(LinearSpring(1.0, 1.0), masses[2:], none)
     assert not acceleration(scene.problem((0.0, 1.0)), np.ones(4), np.ones(4)).any()
-
-
-def test_a_length_of_0_may_be_among_others():
-    scene = Scene(2)
-    masses = scene.mass(1.0, [(0.0, 0.0), (0.0, 0.0), (2.0, 0.0)])
-    scene.add(LinearSpring(1.0, [0.0, 0.5]), masses[:-1], masses[1:])
-    problem = scene.problem((0.0, 1.0))
-    assert masses.velocities(acceleration(problem, problem.u0, problem.v0)).tolist() == [
-        [0.0, 0.0],
-        [1.5, 0.0],
-        [-1.5, 0.0],
-    ]
 
 
 def test_the_plan_is_the_same_with_work():
@@ -815,13 +760,13 @@ def test_an_effect_with_an_array_of_its_own():
     scene.add(SampledForce([1.0, 3.0, 5.0], 0.5, (0.0, 2.0)))
     scene.add(SampledForce([10.0], 1.0, (1.0, 0.0)), masses[1])
     problem = scene.problem((0.0, 1.0))
-    found = [masses.velocities(acceleration(problem, problem.u0, problem.v0, t)).tolist() for t in (0.0, 0.6, 9.0)]
+    found = [masses.velocities(at_start(problem, t)).tolist() for t in (0.0, 0.6, 9.0)]
     assert found == [[[0, 2.0], [5.0, 1.0]], [[0, 6.0], [5.0, 3.0]], [[0, 10.0], [5.0, 5.0]]]
     with pytest.raises(ValueError, match="interval of SampledForce must not be negative"):
         SampledForce([1.0], -0.5, (1.0, 0.0))
 
 
-def test_an_effect_is_as_it_was_when_added():
+def test_a_problem_and_an_effect_are_as_they_were():
     fields, stiffness = np.array([[1.0], [2.0]]), [3.0]
     scene = Scene(1)
     masses = scene.mass(1.0, [0.0, 1.0])
@@ -829,7 +774,9 @@ def test_an_effect_is_as_it_was_when_added():
     scene.add(LinearSpring(stiffness), masses[:1], masses[1:])
     fields[:], stiffness[0] = 9.0, 9.0
     problem = scene.problem((0.0, 1.0))
-    assert acceleration(problem, problem.u0, problem.v0).tolist() == [4.0, -1.0]
+    scene.add(Gravity(-2.0), masses[0])
+    assert at_start(problem).tolist() == [4.0, -1.0]
+    assert at_start(scene.problem((0.0, 1.0))).tolist() == [2.0, -1.0]
 
 
 # Bad scenes

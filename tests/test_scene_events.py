@@ -37,17 +37,23 @@ def dropped(dimension=1, slow=0.01, t_end=1.68, **options):
     return scene.problem((0.0, t_end), **options)
 
 
-@pytest.mark.parametrize("run", [{"h": 1e-2, "method": "rk4"}, {"rtol": 1e-9}])
-def test_a_ball_strikes_the_floor_at_the_times_of_the_closed_form(run):
-    """Each method computes a parabola exactly: the errors are those of the roots, and 1e-11 of the span."""
-    solution = dropped().integrate(**run)
+@pytest.mark.parametrize(("dimension", "run"), [(1, {"h": 1e-2, "method": "rk4"}), (3, {"rtol": 1e-9})])
+def test_a_ball_strikes_the_floor_at_the_times_of_the_closed_form(dimension, run):
+    """Each method computes a parabola exactly: the errors are those of the roots, and 1e-11 of the span.
+
+    The work is the energy at the end of the run, less that at the start. Along the floor nothing acts.
+    """
+    assert dropped(dimension).energy is None
+    solution = dropped(dimension, work=True).integrate(**run)
     found = solution.events["rigid stop 0"]
     assert len(found) == 5
     np.testing.assert_allclose(found.t, impact_times(5, 0.6, 1.0, G), rtol=0, atol=1e-11)
     speeds = math.sqrt(2 * G) * 0.6 ** np.arange(6)
-    np.testing.assert_allclose(found.v[:, 0], -speeds[:5], rtol=1e-10)
-    np.testing.assert_allclose(found.v_after[:, 0], -0.6 * found.v[:, 0], rtol=1e-15)
+    np.testing.assert_allclose(found.v[:, -1], -speeds[:5], rtol=1e-10)
+    np.testing.assert_allclose(found.v_after[:, -1], -0.6 * found.v[:, -1], rtol=1e-15)
     np.testing.assert_array_equal(found.u_after, found.u)
+    assert solution.z["work"][-1] == pytest.approx(2.0 * G * (0.6**10 - 1), rel=1e-9)
+    assert solution.drift["energy"] < 1e-9
 
 
 def test_an_impact_changes_the_normal_velocity_only():
@@ -72,16 +78,6 @@ def test_a_ball_comes_to_rest_in_small_bounces(run):
     rest = solution.t > 2.0  # the closed form ends at 1.81 s
     assert solution.u[rest].min() > -1e-12
     assert solution.u[rest].max() < 1.001 * 0.02**2 / (2 * G)
-
-
-@pytest.mark.parametrize("dimension", [1, 3])
-def test_the_loss_of_impacts_is_in_the_work(dimension):
-    """The energy at the end of the run, less that at the start. Along the floor nothing acts."""
-    assert dropped(dimension).energy is None
-    solution = dropped(dimension, work=True).integrate(h=1e-3)
-    loss = 2.0 * G * (0.6**10 - 1)
-    assert solution.z["work"][-1] == pytest.approx(loss, rel=1e-9)
-    assert solution.drift["energy"] < 1e-9
 
 
 def pair(dimension, flipped=False):
@@ -148,20 +144,20 @@ def tethered(damping, t_end=1.2):
     return scene.problem((0.0, t_end))
 
 
-@pytest.mark.parametrize("damping", [4.0])
 @pytest.mark.parametrize("run", [{"h": 5e-3, "method": "rk8"}, {"rtol": 1e-11}])
-def test_a_cable_goes_taut_and_slack_at_the_times_of_the_closed_form(damping, run):
+def test_a_cable_goes_taut_and_slack_at_the_times_of_the_closed_form(run):
     """The tension k x + c x' of a damped half-wave ends at the phase pi - 2 asin(zeta).
 
-    A fixed step goes over the jump of the acceleration, c v / m, or of its rate, k v / m, where the cable goes taut.
-    This displaces the mass, of the speed v, by at most h^2 / 2 or h^3 / 6 times the jump.
+    A fixed step goes over the jump of the acceleration, c v / m, where the cable goes taut. This displaces the mass, of
+    the speed v, by at most h^2 / 2 times the jump.
     """
-    omega, zeta = 5.0, damping / (2 * math.sqrt(50.0 * 2.0))
+    omega, damping = 5.0, 4.0
+    zeta = damping / (2 * math.sqrt(50.0 * 2.0))
     taut = (math.pi - 2 * math.asin(zeta)) / (omega * math.sqrt(1 - zeta**2))
     solution = tethered(damping).integrate(**run)
     found = solution.events["cable 0"]
     assert len(found) == 2
-    jump = 5e-3**2 / 2 * damping / 2.0 if damping else 5e-3**3 / 6 * 50.0 / 2.0
+    jump = 5e-3**2 / 2 * damping / 2.0
     np.testing.assert_allclose(found.t, [0.25, 0.25 + taut], rtol=0, atol=jump if "h" in run else 1e-10)
     np.testing.assert_array_equal(found.v_after, found.v)
     if "rtol" in run:  # a step ends there
@@ -199,18 +195,14 @@ def test_a_string_breaks_at_its_strength(run):
     assert solution.drift["energy"] < 1e-7
 
 
-def test_a_strong_string_does_not_break():
+def test_a_strong_string_does_not_break_and_a_broken_one_stays_so():
     _, problem = hanging(strength=2.001 * 2.0 * G)
     solution = problem.integrate(h=1e-3)
     assert len(solution.events["breaking string 0"]) == 0
     assert not solution.u[:, 2].any()
     assert problem.critical_step().h == pytest.approx(0.9 * 2 / 10.0, rel=1e-6)
-
-
-def test_a_run_goes_on_with_a_broken_string():
     _, problem = hanging()
-    whole = problem.integrate(rtol=1e-10)
-    first = problem.integrate(rtol=1e-10, t_end=0.5)
+    whole, first = (problem.integrate(rtol=1e-10, t_end=t) for t in (1.0, 0.5))
     rest = problem.with_(u0=first.u[-1], v0=first.v[-1], t_span=(0.5, 1.0)).integrate(rtol=1e-10)
     assert len(rest.events["breaking string 0"]) == 0
     np.testing.assert_allclose(rest.u[-1], whole.u[-1], rtol=0, atol=1e-9)
