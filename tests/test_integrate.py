@@ -247,7 +247,7 @@ def raises_later_vector(t, u, v, p, a):
 
 
 @pytest.mark.parametrize("inline", [False, True])
-@pytest.mark.parametrize(("rhs", "u0"), [(raises_later, 1.0), (raises_later_vector, [1.0, 2.0])])
+@pytest.mark.parametrize(("rhs", "u0"), [(raises_later, 1.0), (raises_later_vector, [1.0, 2.0, 3.0])])
 def test_stepper_stands_where_it_stood_after_an_exception(rhs, u0, inline):
     stepper = eig3.Stepper(rhs, u0, np.zeros_like(u0), h=0.01, params=0.5, inline=inline)
     stepper.advance(20)
@@ -265,7 +265,7 @@ def test_stepper_stands_where_it_stood_after_an_exception(rhs, u0, inline):
 
 @pytest.mark.parametrize("method", ["eig3", "rk4", "ab3", "cd"])
 def test_exceptions_leak_no_history(method):
-    for rhs, u0 in ((raises_later, 1.0), (raises_later_vector, [1.0, 2.0])):
+    for rhs, u0 in ((raises_later, 1.0), (raises_later_vector, [1.0, 2.0, 3.0])):
         rows = np.empty((1000, *np.shape(u0))), np.empty((1000, *np.shape(u0)))
         stepper = eig3.Stepper(rhs, u0, np.zeros_like(u0), h=0.01, params=0.5, method=method)
         references = sys.getrefcount(rows[0])
@@ -285,7 +285,7 @@ def test_a_thread_can_integrate():
     assert runs[0].success
 
 
-@pytest.mark.parametrize(("rhs", "u0"), [(raises_later, 1.0), (raises_later_vector, [1.0, 2.0])])
+@pytest.mark.parametrize(("rhs", "u0"), [(raises_later, 1.0), (raises_later_vector, [1.0, 2.0, 3.0])])
 def test_exception_from_rhs_comes_through_with_the_part_before_it(rhs, u0):
     v0 = np.zeros_like(u0)
     with pytest.raises(ValueError, match="past the end of the record") as caught:
