@@ -43,7 +43,14 @@ def usual(name):
     """
     build = getattr(problems, name)
     options = {"work": True} if "work" in inspect.signature(build).parameters else {}
-    points = {"argon": 4, "curtain": 10, "flag": 5, "jelly": 3, "hopper": 60, "sand_column": 60}  # fewer than by default
+    points = {
+        "argon": 4,
+        "curtain": 10,
+        "flag": 5,
+        "jelly": 3,
+        "hopper": 60,
+        "sand_column": 60,
+    }  # fewer than by default
     problem = build(**options, **({"n": points[name]} if name in points else {}))
     if name in WAVING.split():
         t = np.linspace(*problem.t_span, 50)
