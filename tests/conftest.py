@@ -70,6 +70,7 @@ def oscillator_vector(t, u, v, p, a):
 def gyroscope(t, u, v, p, a):
     a[0] = -p[0] * v[1]
     a[1] = p[0] * v[0]
+    a[2:] = 0.0
 
 
 @eig3.jit

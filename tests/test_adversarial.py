@@ -317,7 +317,9 @@ def raises_after_vector(t, u, v, p, a):
 
 
 @every_method
-@pytest.mark.parametrize(("rhs", "u0", "v0"), [(raises_after, 1.0, 0.0), (raises_after_vector, [1.0, 2.0], [0.0, 0.0])])
+@pytest.mark.parametrize(
+    ("rhs", "u0", "v0"), [(raises_after, 1.0, 0.0), (raises_after_vector, [1.0, 2.0, 3.0], [0.0] * 3)]
+)
 def test_exception_comes_through_with_the_part_before(method, rhs, u0, v0):
     options = {"u0": u0, "v0": v0, "h": STEP, "method": method}
     with pytest.raises(ArithmeticError, match="no load") as caught:

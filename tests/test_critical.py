@@ -19,7 +19,7 @@ from eig3.planning.step_search import Search
 from eig3.scene import Scene
 from eig3.stability import alternating_limit, limit, practical_limit
 
-from .conftest import gyroscope, hardening, oscillator, oscillator_vector, structure
+from .conftest import hardening, oscillator, oscillator_vector, structure
 
 LAGGED = eig3.CentralDifference(velocity="lagged")
 EVERY = ["eig3", "cd", LAGGED, "rk3", "rk4", "ab3"]
@@ -71,13 +71,6 @@ def test_a_slowly_unstable_set_of_eig3_has_a_step_with_damping():
         critical_step(oscillator, 1.0, 0.0, (1.0, 0.0), method=method)
 
 
-def test_closed_forms():
-    for xi in (0.05, 0.5, 3.0):
-        expected = 2 * (math.sqrt(1 + 4 * xi * xi) - 2 * xi) / 5
-        assert critical_step(oscillator, 1.0, 0.0, (5.0, xi)).limit == pytest.approx(expected, rel=1e-6)
-        assert critical_step(oscillator, 1.0, 0.0, (5.0, min(xi, 1)), method="cd").limit == pytest.approx(0.4, rel=1e-6)
-
-
 @settings(deadline=None, max_examples=60)
 @given(
     omega=st.floats(1e-12, 1e12),
@@ -96,13 +89,6 @@ def test_limit_is_positive_and_scales_with_time(omega, xi, u0, vector, method):
     if not vector:
         assert found.limit == pytest.approx(expected / omega, rel=1e-5)
     assert all(math.isfinite(x) for x in (found.h, found.limit, found.omega_max))
-
-
-def test_safety_multiplies():
-    for safety in (1, 1.0, 0.5, 0.9):
-        found = critical_step(oscillator, 1.0, 0.0, (4.0, 0.0), safety=safety)
-        assert found.h == safety * found.limit
-        assert found.limit == pytest.approx(0.5, rel=1e-6)
 
 
 def test_hardening_stiffens_with_the_state():
@@ -244,27 +230,36 @@ def test_slowly_unstable_methods_on_both_sides(method):
 
 @eig3.jit
 def spinning(t, u, v, p, a):
-    """Springs p[0] and p[1] in a plane that turns at the rate p[2] / 2, without the centrifugal force."""
+    """Springs p[0] and p[1] in a plane that turns at the rate p[2] / 2, without the centrifugal force.
+
+    Nothing moves across the plane: two degrees of freedom have kernels of their own, which only take time to compile.
+    """
     a[0] = -p[0] * u[0] - p[2] * v[1]
     a[1] = -p[1] * u[1] + p[2] * v[0]
+    a[2] = 0.0
 
 
-def farthest(rhs, params, method, h, n_steps):
-    run = eig3.integrate(rhs, (0, n_steps * h), [1.0, 0.3], [0.2, 0.5], h=h, params=params, method=method)
+#: A plane that turns, without springs.
+TURNING = (0.0, 0.0, 3.0)
+START = [1.0, 0.3, 0.0], [0.2, 0.5, 0.0]
+
+
+def farthest(params, method, h, n_steps):
+    run = eig3.integrate(spinning, (0, n_steps * h), *START, h=h, params=params, method=method)
     return max(np.abs(run.u).max(), np.abs(run.v).max()) if run.success else math.inf
 
 
 @pytest.mark.parametrize("method", ["rk3", "rk4", "ab3"])
-@pytest.mark.parametrize(("rhs", "params", "rate"), [(gyroscope, (3.0,), 3.0), (spinning, (4.0, 4.0, 3.0), 4.0)])
-def test_gyroscopic_systems_limit_methods_by_their_rates(method, rhs, params, rate):
+@pytest.mark.parametrize(("params", "rate"), [(TURNING, 3.0), ((4.0, 4.0, 3.0), 4.0)])
+def test_gyroscopic_systems_limit_methods_by_their_rates(method, params, rate):
     """s^2 -+ 3 i s + 4 = 0: rates of 4 and -1; and 3 without springs."""
-    found = critical_step(rhs, [1.0, 0.3], [0.2, 0.5], params, method=method)
+    found = critical_step(spinning, *START, params, method=method)
     assert found.limit == pytest.approx(STEADY[method] / rate, rel=1e-5)
     assert found.omega_max == pytest.approx(rate, rel=1e-6)
     assert str(found.xi) == "0.0"
     # at 0.99 nothing grows; u may drift by v / rate, and the start of AB3 has an error
-    assert farthest(rhs, params, method, 0.99 * found.limit, 20_000) < 10
-    assert farthest(rhs, params, method, 1.01 * found.limit, 20_000) > 1e6
+    assert farthest(params, method, 0.99 * found.limit, 20_000) < 10
+    assert farthest(params, method, 1.01 * found.limit, 20_000) > 1e6
 
 
 def test_gyroscopic_limit_of_central_difference():
@@ -272,13 +267,13 @@ def test_gyroscopic_limit_of_central_difference():
     that is h < sqrt(4 k + kappa^2) / k. K and C by differences and the search add up to far less than 1e-6."""
     random = np.random.default_rng(4)
     for k, kappa in ((4.0, 3.0), *zip(random.uniform(0.5, 20, 6), random.uniform(0.2, 10, 6), strict=True)):
-        found = critical_step(spinning, [1.0, 0.3], [0.2, 0.5], (k, k, kappa), method="cd")
+        found = critical_step(spinning, *START, (k, k, kappa), method="cd")
         assert found.limit == pytest.approx(math.sqrt(4 * k + kappa * kappa) / k, rel=1e-6)
-    found = critical_step(spinning, [1.0, 0.3], [0.2, 0.5], (4.0, 4.0, 3.0), method="cd")
-    assert farthest(spinning, (4.0, 4.0, 3.0), "cd", 0.99 * found.limit, 5000) < 30
-    assert farthest(spinning, (4.0, 4.0, 3.0), "cd", 1.01 * found.limit, 5000) > 1e6
+    found = critical_step(spinning, *START, (4.0, 4.0, 3.0), method="cd")
+    assert farthest((4.0, 4.0, 3.0), "cd", 0.99 * found.limit, 5000) < 30
+    assert farthest((4.0, 4.0, 3.0), "cd", 1.01 * found.limit, 5000) > 1e6
     with pytest.raises(NoCriticalStepError, match="nothing that oscillates or decays limits the step"):
-        critical_step(gyroscope, [1.0, 0.3], [0.2, 0.5], 3.0, method="cd")
+        critical_step(spinning, *START, TURNING, method="cd")
 
 
 @pytest.mark.parametrize(
@@ -287,18 +282,18 @@ def test_gyroscopic_limit_of_central_difference():
 def test_gyroscopic_forces_do_not_hide_a_window_of_instability(k1, k2, kappa):
     """In what alternates from step to step v is zero: one mode is lost at h = 2 / sqrt(k) of the stiffer spring, and
     the two are stable together again once the other one is lost as well."""
-    found = critical_step(spinning, [1.0, 0.3], [0.2, 0.5], (k1, k2, kappa), method="cd")
+    found = critical_step(spinning, *START, (k1, k2, kappa), method="cd")
     expected = 2 / math.sqrt(max(k1, k2))
     assert found.limit == pytest.approx(expected, rel=1e-6)
-    assert farthest(spinning, (k1, k2, kappa), "cd", 0.99 * found.limit, 5000) < 1000  # springs that all but cancel
+    assert farthest((k1, k2, kappa), "cd", 0.99 * found.limit, 5000) < 1000  # springs that all but cancel
     window = (expected + 2 / math.sqrt(min(k1, k2))) / 2
-    assert farthest(spinning, (k1, k2, kappa), "cd", window, 5000) > 1e6
+    assert farthest((k1, k2, kappa), "cd", window, 5000) > 1e6
 
 
 def test_a_narrow_window_of_instability_is_seen():
     """Two stiffnesses that differ by 1e-4 leave a window of 5e-5 of the step, far below the ratio of the search."""
     k1, k2, kappa = 2.0, 2.0 * (1 + 1e-4), 1.0
-    found = critical_step(spinning, [1.0, 0.3], [0.2, 0.5], (k1, k2, kappa), method="cd")
+    found = critical_step(spinning, *START, (k1, k2, kappa), method="cd")
     assert found.limit == pytest.approx(2 / math.sqrt(k2), rel=1e-6)
 
 
@@ -308,27 +303,27 @@ def test_fixed_point_iteration_limits_the_step_of_a_gyroscopic_pair():
     From where the iteration starts makes a difference of some iterations, as q^2 to q^-2 does in 1e-12: 5 per cent.
     """
     method = eig3.CentralDifference(solver="fixed-point")
-    found = critical_step(spinning, [1.0, 0.3], [0.2, 0.5], (4.0, 4.0, 3.0), method=method)
+    found = critical_step(spinning, *START, (4.0, 4.0, 3.0), method=method)
     assert found.limit == pytest.approx(2 / 3 * 1e-12 ** (1 / 50), rel=0.05)
     assert found.omega_max == pytest.approx(4, rel=1e-6)  # of the mode in which the iteration is slowest
     for factor, status in ((0.95, eig3.Status.COMPLETED), (1.1, eig3.Status.NOT_CONVERGED)):
         h = factor * found.limit
-        run = eig3.integrate(spinning, (0, 500 * h), [1.0, 0.3], [0.2, 0.5], h=h, params=(4.0, 4.0, 3.0), method=method)
+        run = eig3.integrate(spinning, (0, 500 * h), *START, h=h, params=(4.0, 4.0, 3.0), method=method)
         assert run.status is status
 
 
 @pytest.mark.parametrize("method", ["eig3", "rk2", "ab2", LAGGED], ids=name_of)
-@pytest.mark.parametrize(("rhs", "params"), [(gyroscope, (3.0,)), (spinning, (4.0, 4.0, 3.0))])
-def test_gyroscopic_systems_have_no_step_with_methods_that_excite_them(method, rhs, params):
+@pytest.mark.parametrize("params", [TURNING, (4.0, 4.0, 3.0)])
+def test_gyroscopic_systems_have_no_step_with_methods_that_excite_them(method, params):
     with pytest.raises(NoCriticalStepError) as caught:
-        critical_step(rhs, [1.0, 0.3], [0.2, 0.5], params, method=method)
+        critical_step(spinning, *START, params, method=method)
     message = str(caught.value)
     assert "is unstable at every step for this system" in message
-    names = "'eig5', 'cd', 'rk4'" if rhs is gyroscope else "'cd', 'rk4'"  # not 'eig3'; with springs EIG-5 grows too
+    names = "'eig5', 'cd', 'rk4'" if params is TURNING else "'cd', 'rk4'"  # not 'eig3'; with springs EIG-5 grows too
     assert message.endswith(f"a method that has a stable step for it, such as {names}.")
     assert " and xi = 0;" in message
     # the growth is kappa^4 h^4 / 8 a step for RK2 and twice that for the others, at kappa h = 0.3 0.1 per cent
-    assert farthest(rhs, params, method, 0.1, 40_000) > 1e6
+    assert farthest(params, method, 0.1, 40_000) > 1e6
 
 
 @pytest.mark.parametrize(("n", "size"), [(2, 0.01), (5, 3.0), (20, 0.01)])
@@ -377,6 +372,8 @@ def test_a_weakly_growing_grade_names_its_rate_and_a_practical_step():
     assert str(caught.value).endswith(
         "choose a step below that, or a method that has a stable step for it, such as 'eig3', 'cd', 'rk4'."
     )
+    with pytest.raises(NoCriticalStepError, match=r"up to h = 0\.02364 \(by Omega\^4/8, where"):
+        critical_step(oscillator, 1.0, 0.0, (4.0, 0.0), method="rk2")
 
 
 def test_growth_within_round_off_does_not_count():
@@ -385,18 +382,11 @@ def test_growth_within_round_off_does_not_count():
     assert found.limit == pytest.approx(alternating_limit(11, 0.0) / 4, rel=1e-6)
 
 
-def test_growth_of_rk2_is_named_too():
-    with pytest.raises(NoCriticalStepError, match=r"up to h = 0\.02364 \(by Omega\^4/8, where"):
-        critical_step(oscillator, 1.0, 0.0, (4.0, 0.0), method="rk2")
-
-
-@pytest.mark.parametrize(("grade", "n"), [(5, 20), (13, 3)])
-def test_runs_of_the_family_on_both_sides_of_the_limit_of_coupled_modes(grade, n):
+def test_a_run_of_the_family_on_both_sides_of_the_limit_of_coupled_modes():
     """1 % above the limit, a root passes -1 by 0.1 to 1 %: round-off, which is 1e-16 h^2 of the motion, grows by more
     than e^60 in 60 000 steps."""
-    K, C = system("full", n)
-    method = eig3.EIG(grade)
-    found = critical_step(structure, np.zeros(n), np.zeros(n), np.concatenate([K.ravel(), C.ravel()]), method=method)
+    (K, C), method = system("full", 20), eig3.EIG(5)
+    found = critical_step(structure, *np.zeros((2, 20)), np.concatenate([K.ravel(), C.ravel()]), method=method)
     assert largest(method, K, C, 0.99 * found.limit, 5000) < 30
     assert not largest(method, K, C, 1.01 * found.limit, 60_000) < 1e6
 
@@ -415,13 +405,13 @@ def gyroscopic_radius(grade, k):
 def test_eig_of_a_gyroscope(grade):
     """Its growth in grade 7 is 2e-8 a step at the limit, which is within the round-off of coupled modes."""
     method = eig3.EIG(grade)
-    found = critical_step(gyroscope, [1.0, 0.3], [0.2, 0.5], 3.0, method=method)
+    found = critical_step(spinning, *START, TURNING, method=method)
     for part in (0.01, 0.3, 0.9, 0.9999):
         assert gyroscopic_radius(grade, 3 * found.limit * part) < 1 + 1e-7
     assert gyroscopic_radius(grade, 3 * found.limit * 1.0001) > 1 + 1e-6
     assert found.omega_max == pytest.approx(3, rel=1e-6)
-    assert farthest(gyroscope, (3.0,), method, 0.99 * found.limit, 5000) < 10
-    assert farthest(gyroscope, (3.0,), method, 1.01 * found.limit, 60_000) > 1e6
+    assert farthest(TURNING, method, 0.99 * found.limit, 5000) < 10
+    assert farthest(TURNING, method, 1.01 * found.limit, 60_000) > 1e6
 
 
 def test_only_runge_kutta_sees_rates():
@@ -446,7 +436,7 @@ def test_bm6_in_a_bar():
     assert found.limit == pytest.approx(limit("bm6") / highest, rel=1e-6)
     assert found.omega_max == pytest.approx(highest, rel=1e-6)
     with pytest.raises(ValueError, match=r"^BM6\(\) needs a rhs that ignores v and has no z0"):
-        critical_step(gyroscope, [1.0, 0.3], [0.2, 0.5], 3.0, method="bm6")
+        critical_step(spinning, *START, TURNING, method="bm6")
 
 
 # Where nothing oscillates --------------------------------------------------------------------------------------------
@@ -457,10 +447,13 @@ def spring_and_drag(t, u, v, p):
     return -p[0] * u - p[1] * v
 
 
-@pytest.mark.parametrize("method", [*EVERY, "rk2", "ab2"], ids=name_of)
-def test_a_free_particle_has_every_step(method):
+@pytest.mark.parametrize(
+    ("method", "drag"), [*((method, 0.0) for method in (*EVERY, "rk2", "ab2")), ("cd", 5.0)], ids=str
+)
+def test_a_free_particle_has_every_step(method, drag):
+    """Drag does not limit an implicit method."""
     with pytest.raises(NoCriticalStepError, match="limits the step"):
-        critical_step(spring_and_drag, 1.0, 2.0, (0.0, 0.0), method=method)
+        critical_step(spring_and_drag, 1.0, 2.0, (0.0, drag), method=method)
 
 
 @pytest.mark.parametrize(
@@ -482,11 +475,6 @@ def test_pure_drag(method, interval):
     assert not abs(runs[1].v) < 1e6  # 1.01 of an interval grows by 0.3 per cent a step at least
 
 
-def test_drag_does_not_limit_an_implicit_method():
-    with pytest.raises(NoCriticalStepError, match="limits the step"):
-        critical_step(spring_and_drag, 1.0, 2.0, (0.0, 5.0), method="cd")
-
-
 def test_a_saddle_may_grow_by_itself():
     """u'' = 4 u: the growth exp(2 t) is physical; the decay exp(-2 t) limits the methods of first-order systems."""
     for method, interval in (("rk2", 2), ("rk4", 2.7852935634), ("ab2", 1)):
@@ -500,7 +488,7 @@ def test_a_saddle_may_grow_by_itself():
 
 def test_a_saddle_beside_a_spring():
     for method, expected in STEADY.items():
-        found = critical_step(spinning, [1.0, 0.0], [0.0, 0.0], (-4.0, 9.0, 0.0), method=method)
+        found = critical_step(spinning, [1.0, 0.0, 0.0], [0.0] * 3, (-4.0, 9.0, 0.0), method=method)
         assert found.limit == pytest.approx(expected / 3, rel=1e-6)
         assert found.omega_max == pytest.approx(3, rel=1e-6)
 
@@ -593,7 +581,7 @@ def beam(elements, inertia):
     return K[np.ix_(free, free)]
 
 
-@pytest.mark.parametrize(("mass", "stiffness"), [(0.0, 0.0), (1e-4, 0.0), (0.0, 0.1)])
+@pytest.mark.parametrize(("mass", "stiffness"), [(0.0, 0.0), (1e-4, 0.1)])
 def test_a_beam_in_metres_and_radians(mass, stiffness):
     """Damping proportional to mass and to stiffness, by its ratios at the highest frequency."""
     K = beam(100, inertia=1e-3)
@@ -638,9 +626,9 @@ def test_evaluations_are_those_made(kind, n):
 
 
 def test_state_is_not_changed():
-    u0, v0, params = np.ones(2), np.zeros(2), np.array([4.0, 5.0, 0.1])
+    u0, v0, params = np.ones(3), np.zeros(3), np.array([4.0, 5.0, 0.1])
     critical_step(spinning, u0, v0, params, method="rk4")
-    assert (u0.tolist(), v0.tolist(), params.tolist()) == ([1, 1], [0, 0], [4, 5, 0.1])
+    assert (u0.tolist(), v0.tolist(), params.tolist()) == ([1, 1, 1], [0, 0, 0], [4, 5, 0.1])
 
 
 # Problems, records and users' methods --------------------------------------------------------------------------------
@@ -671,12 +659,6 @@ def test_a_record_without_velocity_refuses_a_force_that_reads_it(record):
     with pytest.raises(ValueError, match="velocity='none' needs a rhs that ignores v"):
         critical_step(oscillator, 1.0, 0.0, (2.0, 0.1), method=record)
     assert critical_step(oscillator, 1.0, 0.0, (2.0, 0.0), method=record).limit == pytest.approx(1, rel=1e-6)
-
-
-def test_other_sets_of_eig3():
-    for alpha, beta in ((1.2, 0.5), (2.0, 1.0), (1.2, 0.6)):
-        found = critical_step(oscillator, 1.0, 0.0, (3.0, 0.0), method=eig3.EIG3(alpha, beta))
-        assert found.limit == pytest.approx(math.sqrt(2 / (alpha - beta)) / 3, rel=1e-6)
 
 
 def test_a_users_method(symplectic_euler):
@@ -713,12 +695,10 @@ GOOD = {"rhs": oscillator, "u0": 1.0, "v0": 0.0, "params": (2.0, 0.0)}
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        ({"safety": 0}, ValueError, "safety must be a number above 0 and up to 1, not 0."),
-        ({"safety": -0.5}, ValueError, "safety must be a number above 0 and up to 1, not -0.5."),
-        ({"safety": 1.1}, ValueError, "safety must be a number above 0 and up to 1, not 1.1."),
-        ({"safety": math.nan}, ValueError, "safety must be a number above 0 and up to 1, not nan."),
-        ({"safety": True}, ValueError, "safety must be a number above 0 and up to 1, not True."),
-        ({"safety": "0.9"}, ValueError, "safety must be a number above 0 and up to 1, not '0.9'."),
+        *(
+            ({"safety": x}, ValueError, f"safety must be a number above 0 and up to 1, not {x!r}.")
+            for x in (0, -0.5, 1.1, math.nan, True, "0.9")
+        ),
         ({"u0": [1.0, 2.0]}, ValueError, "u0 and v0 must have the same shape, not (2,) and ()."),
         ({"u0": [1.0], "v0": [0.0]}, TypeError, "rhs has the scalar form"),
         ({"u0": np.nan}, ValueError, "u0 must be finite, but it holds nan."),

@@ -68,7 +68,7 @@ def off_floor(t, u, v, p):
 
 @eig3.jit
 def near_one(t, u, v, p):
-    return (t - 1.03) * (t - 1.03) - p[1]
+    return (t - p[2]) * (t - p[2]) - p[1]
 
 
 @eig3.jit
@@ -104,22 +104,10 @@ def drop(span, restitution=0.8, h0=1.0, **options):
 
 @pytest.fixture(scope="module")
 def scipy_pendulum():
-    def rises(t, y):
-        return y[0]
-
-    def falls(t, y):
-        return y[0]
-
+    rises, falls = (lambda t, y: y[0]), (lambda t, y: y[0])
     rises.direction, falls.direction = 1, -1
-    reference = solve_ivp(
-        lambda t, y: (y[1], -math.sin(y[0])),
-        (0, 40),
-        (2.0, 0.0),
-        "DOP853",
-        rtol=1e-13,
-        atol=1e-13,
-        events=(rises, falls),
-    )
+    options = {"rtol": 1e-13, "atol": 1e-13, "events": (rises, falls)}
+    reference = solve_ivp(lambda t, y: (y[1], -math.sin(y[0])), (0, 40), (2.0, 0.0), "DOP853", **options)
     return reference.t_events, reference.y_events
 
 
@@ -174,22 +162,14 @@ def test_bounces_at_the_ends_of_steps(u0, t0, h):
     assert solution.u.min() > -1e-12
 
 
-@pytest.mark.parametrize(("gap", "count"), [(0.0, 0), (-1e-3, 0), (1e-8, 0), (0.04, 2)])
-def test_zeros_that_graze(gap, count):
+@pytest.mark.parametrize(
+    ("time", "gap", "count"), [(1.03, 0.0, 0), (1.03, -1e-3, 0), (1.03, 1e-8, 0), (1.03, 0.04, 2), (1.0, 0.0, 0)]
+)
+def test_zeros_that_graze(time, gap, count):
     """Two zeros within a step are unseen, and a zero without a change of sign is none. t = 1.03 is within a step."""
-    found = swing({"touch": Event(near_one)}, (0, 2), params=(1.0, gap), h=0.125, method="eig3").events["touch"]
+    found = swing({"touch": Event(near_one)}, (0, 2), params=(1.0, gap, time), h=0.125, method="eig3").events["touch"]
     assert len(found) == count
-    np.testing.assert_allclose(np.abs(found.t - 1.03), math.sqrt(gap) if count else 0, rtol=0, atol=1e-12)
-
-
-@eig3.jit
-def touch_at_one(t, u, v, p):
-    return (t - 1) * (t - 1)
-
-
-def test_a_double_root_at_the_end_of_a_step_does_not_fire():
-    found = swing({"touch": Event(touch_at_one)}, (0, 2), h=0.125, method="eig3").events["touch"]
-    assert len(found) == 0
+    np.testing.assert_allclose(np.abs(found.t - time), math.sqrt(gap) if count else 0, rtol=0, atol=1e-12)
 
 
 def test_events_in_a_step_are_in_their_order():
@@ -391,16 +371,9 @@ def test_many_impacts_of_a_large_system():
     n = 9000  # the log then has few rows
     u0 = np.ones(n)
     u0[0] = 1e-4
-    solution = eig3.integrate(
-        vector_fall,
-        (0, 1),
-        u0,
-        np.zeros(n),
-        params=(9.81, 1.0),
-        h=0.5,
-        save_every=None,
-        events={"impact": Event(first_position, -1, apply=vector_bounce)},
-    )
+    events = {"impact": Event(first_position, -1, apply=vector_bounce)}
+    options = {"params": (9.81, 1.0), "h": 0.5, "save_every": None, "events": events}
+    solution = eig3.integrate(vector_fall, (0, 1), u0, np.zeros(n), **options)
     fall_time = math.sqrt(2e-4 / 9.81)
     times = fall_time * np.arange(1, 1 / fall_time, 2)
     np.testing.assert_allclose(solution.events["impact"].t, times, rtol=0, atol=1e-10)
@@ -436,16 +409,8 @@ def test_callbacks_get_arrays_of_n_values_however_many_events_there_are(options)
     """With more events than degrees of freedom too. Each of two oscillators with omega^2 = 2 turns back at zero."""
     events = {f"{k}": Event(last_of_all, terminal=k == 5) for k in range(4)}
     events["reset"] = Event(last_of_all, apply=turn_all_back)
-    solution = eig3.integrate(
-        size_of_u,
-        (0, 3),
-        [1.0, 1.0],
-        [0.0, 0.0],
-        events=events,
-        outputs={"sizes": (both, 2)},
-        t_eval=np.linspace(0, 3, 31),
-        **options,
-    )
+    options = {**options, "events": events, "outputs": {"sizes": (both, 2)}, "t_eval": np.linspace(0, 3, 31)}
+    solution = eig3.integrate(size_of_u, (0, 3), [1.0, 1.0], [0.0, 0.0], **options)
     assert (solution.outputs["sizes"] == 2).all()
     np.testing.assert_allclose(solution.u[:, 0], solution.u[:, 1], rtol=0, atol=1e-12)
     # errors of a second-order method: (omega h)^2 / 24 of the phase, 2 in all
@@ -622,29 +587,32 @@ def through(t, u, v, p):
 
 @eig3.jit
 def held_or_sliding(t, u, v, p, a):
-    """A block on the ground with the friction 0.8, pulled by the force sin t. u[1] is 1 while it sticks."""
-    a[0] = 0.0 if u[1] == 1 else np.sin(t) - 0.8 * (1.0 if u[2] > 0 else -1.0)
-    a[1] = a[2] = 0.0
+    """A block on the ground with the friction 0.8, pulled by the force sin t.
+
+    u[1] is the sign of the velocity, which is 0 while the block sticks.
+    """
+    a[0] = 0.0 if u[1] == 0 else np.sin(t) - 0.8 * u[1]
+    a[1] = 0.0
 
 
 @eig3.jit
 def stops(t, u, v, p):
-    return v[0] if u[1] == 0 else 1.0
+    return v[0] if u[1] != 0 else 1.0
 
 
 @eig3.jit
 def sticks(t, u, v, p):
-    v[0], u[1] = 0.0, 1.0
+    v[0], u[1] = 0.0, 0.0
 
 
 @eig3.jit
 def pull_beyond_friction(t, u, v, p):
-    return abs(np.sin(t)) - 0.8 if u[1] == 1 else -1.0
+    return abs(np.sin(t)) - 0.8 if u[1] == 0 else -1.0
 
 
 @eig3.jit
 def slips(t, u, v, p):
-    u[1], u[2] = 0.0, np.sign(np.sin(t))
+    u[1] = np.sign(np.sin(t))
 
 
 @pytest.mark.parametrize(
@@ -653,7 +621,7 @@ def slips(t, u, v, p):
 def test_a_block_that_sticks_and_slips(options):
     """It leaves the state of rest at a zero of g, in both directions in turn, with the rate 0 of the velocity."""
     events = {"stick": Event(stops, apply=sticks), "slip": Event(pull_beyond_friction, 1, apply=slips)}
-    solution = eig3.integrate(held_or_sliding, (0, 19), [0.0, 1.0, 1.0], [0.0] * 3, events=events, **options)
+    solution = eig3.integrate(held_or_sliding, (0, 19), [0.0, 0.0], [0.0, 0.0], events=events, **options)
     assert solution.status is Status.COMPLETED
     slips_at, sticks_at = solution.events["slip"].t, solution.events["stick"].t
     starts = math.asin(0.8) + math.pi * np.arange(6)
@@ -670,17 +638,8 @@ def test_the_last_state_of_a_run_that_ends_with_a_step(save_every, terminal, tmp
     """u = 1/2 - t^2 / 2 is zero at t = 1, the end of a step: the state after the reset is saved once."""
     events = {"impact": Event(position, -1, terminal, land_on_zero)}
     for options in ({"h": 1 / 64}, {"h": 1 / 64, "save_to": tmp_path / "run"}, {"rtol": 1e-6, "h_max": 1 / 64}):
-        solution = eig3.integrate(
-            falling,
-            (0, 2),
-            0.5,
-            0.0,
-            params=1.0,
-            events=events,
-            save_every=save_every,
-            outputs={"v": velocity},
-            **options,
-        )
+        options |= {"params": 1.0, "events": events, "save_every": save_every, "outputs": {"v": velocity}}
+        solution = eig3.integrate(falling, (0, 2), 0.5, 0.0, **options)
         assert solution.status is (Status.TERMINATED if terminal else Status.ZENO)
         assert solution.t[-1] == pytest.approx(1.0, abs=1e-14)
         assert (solution.u[-1], solution.v[-1]) == (0.0, 0.0)
@@ -839,12 +798,6 @@ def test_exceptions_keep_the_events_before_them(g, rhs, message, options):
         np.testing.assert_allclose(solution.u, np.cos(solution.t), rtol=0, atol=1e-3)
 
 
-def test_a_run_that_diverges_says_so():
-    solution = swing({"zero": Event(position)}, (0, 1000), params=10.0, h=1.0, method="eig3")
-    assert solution.status is Status.DIVERGED
-    assert "critical step" in solution.explain()
-
-
 @eig3.jit
 def escaping(t, u, v, p):
     return p[0] * u**3 - u
@@ -860,7 +813,7 @@ def unequal_squares(t, u, v, p):
     return u * u - v * v
 
 
-@pytest.mark.parametrize("options", [{"h": 0.02, "method": "rk4"}, {"rtol": 1e-6}])
+@pytest.mark.parametrize("options", [{"h": 0.02}, {"rtol": 1e-6}])
 def test_a_g_that_is_nan_where_the_motion_overflows_is_no_error(options):
     """The member with p = 2 grows without end: it ends as without events, and the others complete."""
     params = np.array([[-1.0], [2.0], [0.5]])
@@ -905,14 +858,6 @@ def test_events_outputs_invariants_and_times_together():
         assert solution.drift["e"] == pytest.approx(9.81 * (1 - 0.64**count), rel=1e-10)
 
 
-def test_the_problem_of_the_ball():
-    problem = bouncing_ball()
-    for options in ({"h": 1e-3}, {"rtol": 1e-8}):
-        solution = problem.integrate(**options)
-        np.testing.assert_allclose(solution.events["impact"].t, impact_times(30, 0.8, 1.0, 9.81), rtol=0, atol=1e-10)
-        assert np.abs(solution.u - problem.exact(solution.t)[0]).max() < 1e-10
-
-
 # Arguments -----------------------------------------------------------------------------------------------------------
 
 
@@ -945,13 +890,10 @@ def test_bad_events_are_refused(events, message, options):
     assert len(str(raised.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize("direction", [2, -2, 0.5, "up", None, True])
-def test_direction_is_checked(direction):
-    with pytest.raises(ValueError, match=r"^direction must be -1, 0 or 1"):
-        Event(position, direction=direction)
-
-
-@pytest.mark.parametrize("terminal", ["no", 2, None])
-def test_terminal_is_checked(terminal):
-    with pytest.raises((TypeError, ValueError), match=r"^terminal must be"):
-        Event(position, terminal=terminal)
+def test_direction_and_terminal_are_checked():
+    for direction in (2, -2, 0.5, "up", None, True):
+        with pytest.raises(ValueError, match=r"^direction must be -1, 0 or 1"):
+            Event(position, direction=direction)
+    for terminal in ("no", 2, None):
+        with pytest.raises((TypeError, ValueError), match=r"^terminal must be"):
+            Event(position, terminal=terminal)

@@ -22,7 +22,7 @@ from eig3.stability import (
     spectral_radius,
 )
 
-WEAK = (6, 7, 10, 11)
+WEAK = (6, 11)  # with an odd and an even number of accelerations; other tests compile these too
 DAMPED_GRADES = (3, 5, 8, 13)  # one text makes all grades, and each takes seconds to compile
 GRADES = sorted({*WEAK, *DAMPED_GRADES})
 DAMPINGS = (0.01, 0.1, 0.5, 1.0)
@@ -156,7 +156,7 @@ def test_leading_terms_of_the_principal_root(grade):
 
 @pytest.mark.parametrize("grade", WEAK)
 def test_weak_growth(grade):
-    """Rate, power and practical limit: 7/96 Omega^8 a step in grade 7. Near 0.2 the next term is some 0.3 of it."""
+    """Rate, power and practical limit: 3/80 Omega^6 a step in grade 6. Near 0.2 the next term is some 0.3 of it."""
     p, method = grade - 1, eig3.EIG(grade, velocity="none")
     sigma = eig.sigma(p + 2)
     power = p + 1 if p % 2 else p + 2
@@ -166,7 +166,7 @@ def test_weak_growth(grade):
         assert growth == pytest.approx(abs(principal(grade, Omega)) - 1, rel=1e-3, abs=1e-13)
         assert growth == pytest.approx(rate * Omega**power, rel=15 * Omega**2)
     practical = practical_limit(method)
-    assert practical == pytest.approx({6: 0.2575, 7: 0.3329, 10: 0.3346, 11: 0.2424}[grade], abs=1e-4)
+    assert practical == pytest.approx({6: 0.2575, 11: 0.2424}[grade], abs=1e-4)
     radii = [np.abs(np.roots([float(x) for x in polynomial(grade, practical * part)])).max() for part in (0.999, 1.001)]
     assert radii[0] < 1 + 1e-5 < radii[1]
     text = explain(method)

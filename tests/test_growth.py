@@ -44,7 +44,7 @@ def blown_up(run):
 
 
 @pytest.mark.parametrize("save_every", [1, None])
-@pytest.mark.parametrize(("rhs", "u0"), [(spring, 1.0), (oscillator_vector, [1.0, 0.5])], ids=["scalar", "vector"])
+@pytest.mark.parametrize(("rhs", "u0"), [(spring, 1.0), (oscillator_vector, [1.0, 0.5, 0.2])], ids=["scalar", "vector"])
 def test_a_step_above_the_limit_that_stays_finite(rhs, u0, save_every):
     """omega h = 2.1: u grows as exp(0.63 n), which 190 steps do not bring to overflow."""
     run = blown_up(integrate(rhs, (0, 400), u0, np.zeros_like(u0), h=2.1, params=(1.0, 0.0), save_every=save_every))
@@ -96,23 +96,23 @@ def forced(t, u, v, p):
 @eig3.jit
 def shaken_storeys(t, u, v, p, a):
     a[0] = 400 * (u[1] - u[0]) - 400 * u[0] - 0.5 * v[0] + 5 * np.sin(3 * t) ** 2
-    a[1] = 400 * (u[0] - u[1]) - 0.5 * v[1]
+    a[1] = a[2] = 400 * (u[0] - u[1]) - 0.5 * v[1]
 
 
 @eig3.jit
 def saddle(t, u, v, p, a):
-    """One direction that grows as exp(t), and one that vibrates at omega = 3."""
+    """One direction that grows as exp(t), and two that vibrate at omega = 3."""
     a[0] = u[0]
-    a[1] = -9 * u[1]
+    a[1], a[2] = -9 * u[1], -9 * u[2]
 
 
 ALLOWED = {
     "an inverted pendulum that leaves its position": (inverted_pendulum, (0, 40), 1e-9, 0.0, 100.0),
-    "a linear instability of the system": (saddle, (0, 60), [1e-12, 0.1], [0.0, 0.0], 1.0),
+    "a linear instability of the system": (saddle, (0, 60), [1e-12, 0.1, 0.1], [0.0] * 3, 1.0),
     "free fall": (falling, (0, 1e4), 0.0, 0.0, 1.0),
     "resonance from rest": (forced, (0, 2000), 0.0, 0.0, (1.0, 1.0)),
     "a force from rest": (forced, (0, 500), 0.0, 0.0, (1e9, 0.3)),
-    "a structure from rest": (shaken_storeys, (0, 50), [0.0, 0.0], [0.0, 0.0], 1.0),
+    "a structure from rest": (shaken_storeys, (0, 50), [0.0] * 3, [0.0] * 3, 1.0),
     "negative damping": (oscillator, (0, 400), 1.0, 0.0, (1.0, -0.1)),
 }
 

@@ -30,12 +30,13 @@ def drift_at(problem, run, steps):
     return np.abs(e[steps] - e[0]).max()
 
 
-@pytest.mark.parametrize("options", [{}, {"inline": True}, {"method": "rk4"}, {"method": "ab3"}], ids=str)
+@pytest.mark.parametrize("options", [{}, {"inline": True}, {"method": "ab3"}], ids=str)
 def test_the_drift_is_found_at_the_steps_that_are_due(problem, options):
     run = problem.integrate(h=H, t_end=N * H, **options)
     steps = due_steps(run.n_steps)
     assert run.n_invariants == len(steps)
     assert run.drift["energy"] == pytest.approx(drift_at(problem, run, steps), rel=1e-9)  # compiled in another order
+    assert re.search(rf"drift of energy: \S+ \(at {run.n_invariants} of 3,000 steps\)", str(run))
 
 
 def test_with_tolerances_the_drift_is_found_at_the_ends_of_steps_that_are_due(problem):
@@ -98,11 +99,6 @@ def test_few_steps_are_due_and_the_drift_is_near_to_that_of_all(problem):
 def test_no_period_of_the_motion_is_met_in_few_phases(period):
     phases = np.unique(due_steps(10**5)[-500:] % period)
     assert len(phases) > min(period, 150) * 0.9
-
-
-def test_the_line_of_a_solution_says_at_how_many_steps(problem):
-    run = problem.integrate(h=H, t_end=N * H)
-    assert re.search(rf"drift of energy: \S+ \(at {run.n_invariants} of 3,000 steps\)", str(run))
 
 
 @pytest.mark.parametrize("every", [0, -1, 1.5, "2"])

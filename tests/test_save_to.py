@@ -74,16 +74,11 @@ def test_a_history_in_files_is_that_in_memory(system, watched, save_every, tmp_p
     assert_same(eig3.load(loaded.save(tmp_path / "file")), memory)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "options", "status"),
-    [
-        ((oscillator, (0.0, 1e4), 1.0, 0.0), {"params": (2.0, 0.0), "h": 1.5}, "DIVERGED"),
-        ((oscillator, (0.0, 10.0), 1.0, 0.0), {"params": (2.0, 0.0), "h": H, "events": True}, "TERMINATED"),
-    ],
-)
-def test_the_files_end_where_the_run_ended(arguments, options, status, tmp_path):
-    if "events" in options:
-        options = {**options, "events": {"slow": eig3.Event(crossing, terminal=True)}}
+@pytest.mark.parametrize(("t_end", "h", "status"), [(1e4, 1.5, "DIVERGED"), (10.0, H, "TERMINATED")])
+def test_the_files_end_where_the_run_ended(t_end, h, status, tmp_path):
+    arguments, options = (oscillator, (0.0, t_end), 1.0, 0.0), {"params": (2.0, 0.0), "h": h}
+    if status == "TERMINATED":
+        options["events"] = {"slow": eig3.Event(crossing, terminal=True)}
     run = eig3.integrate(*arguments, **options, save_to=tmp_path)
     memory = eig3.integrate(*arguments, **options)
     loaded = eig3.load(tmp_path)
@@ -258,14 +253,18 @@ def test_the_free_memory_is_no_limit(tmp_path, monkeypatch):
     assert len(eig3.integrate(*arguments, **options, save_to=tmp_path).t) == 200_001
 
 
-@pytest.mark.parametrize("options", [{"h": 2.0**-13}, {"rtol": 1e-6}], ids=["fixed", "tolerances"])
-def test_a_full_disk_loses_no_more_than_the_steps_since_the_last_record(options, tmp_path, monkeypatch):
-    """These are in memory, and a run that goes on from the record finds them again."""
+@pytest.fixture
+def many_records(monkeypatch):
+    """A run is recorded after each of its slices, which are short."""
     monkeypatch.setattr(storage, "_LEAST_PAUSE", 0.0)
     monkeypatch.setattr(storage, "_LARGEST_SHARE", 1e9)
-    monkeypatch.setattr("eig3.run.chunks._CHUNK_SECONDS", 1e-6)
-    monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-6)
-    monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-6)
+    for name in ("run.chunks._CHUNK_SECONDS", "stepping.slices._SECONDS", "stepping.slices._FIRST_SECONDS"):
+        monkeypatch.setattr(f"eig3.{name}", 1e-6)
+
+
+@pytest.mark.parametrize("options", [{"h": 2.0**-13}, {"rtol": 1e-6}], ids=["fixed", "tolerances"])
+def test_a_full_disk_loses_no_more_than_the_steps_since_the_last_record(options, tmp_path, monkeypatch, many_records):
+    """These are in memory, and a run that goes on from the record finds them again."""
     options = {**options, "params": (2.0, 0.1)}
     writes = iter(4 * [False] + 2 * [True])
     savez = np.savez
@@ -465,15 +464,6 @@ def test_zeros_reserve_the_space_where_the_system_cannot(code, tmp_path, monkeyp
     assert np.load(file).sum() == 300_000
 
 
-def test_a_directory_that_holds_something_is_refused(tmp_path):
-    arguments, options = SCALAR
-    (tmp_path / "file").write_text("")
-    for save_to in (tmp_path, tmp_path / "file"):
-        with pytest.raises(FileExistsError, match=r"save_to must name a new or an empty directory, but .*another one"):
-            eig3.integrate(*arguments, **options, save_to=save_to)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
 def test_what_save_to_does_not_take(tmp_path):
     arguments, options = SCALAR
     with pytest.raises(TypeError, match="save_to must be the path of a directory, not 3"):
@@ -481,29 +471,21 @@ def test_what_save_to_does_not_take(tmp_path):
     with pytest.raises(ValueError, match="is not a directory that save_to has written"):
         eig3.load(tmp_path)
     assert not any(tmp_path.iterdir())
+    (tmp_path / "file").write_text("")
+    for save_to in (tmp_path, tmp_path / "file"):
+        with pytest.raises(FileExistsError, match=r"save_to must name a new or an empty directory, but .*another one"):
+            eig3.integrate(*arguments, **options, save_to=save_to)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def inserted(content):
-    return content[:200] + bytes(4) + content[200:]
-
-
-def zeroed(content):
-    return content[:200] + bytes(400) + content[600:]
-
-
-def with_nan(content):
-    return content[:-8] + np.array(np.nan).tobytes()
-
-
-def flipped(content):
-    return content[:300] + bytes([content[300] ^ 1]) + content[301:]
-
-
-def exchanged(content):
-    return content[:-16] + content[-8:] + content[-16:-8]
-
-
-DAMAGES = [inserted, zeroed, with_nan, flipped, exchanged]
+DAMAGES = [
+    lambda content: content[:200] + bytes(4) + content[200:],  # inserted
+    lambda content: content[:200] + bytes(400) + content[600:],
+    lambda content: content[:-8] + np.array(np.nan).tobytes(),
+    lambda content: content[:300] + bytes([content[300] ^ 1]) + content[301:],
+    lambda content: content[:-16] + content[-8:] + content[-16:-8],  # two numbers exchanged
+    lambda content: content[: len(content) // 2],
+]
 
 
 @pytest.mark.parametrize("options", [SCALAR[1], {"params": (2.0, 0.1), "rtol": 1e-9}], ids=["fixed", "tolerances"])
@@ -512,7 +494,7 @@ def test_damage_is_found(options, tmp_path, monkeypatch):
     eig3.integrate(*SCALAR[0], **options, outputs={"o": energy}, save_to=tmp_path)
     for file in tmp_path.glob("*.npy"):
         sound = file.read_bytes()
-        for damage in (*DAMAGES, lambda content: content[: len(content) // 2]):
+        for damage in DAMAGES:
             file.write_bytes(damage(sound))
             with pytest.raises(ValueError, match=rf"{file.name} is damaged: take a copy of it, or run again\.$"):
                 eig3.load(tmp_path)
@@ -526,13 +508,8 @@ def test_damage_is_found(options, tmp_path, monkeypatch):
         eig3.load(tmp_path)
 
 
-def test_damage_of_a_run_that_was_killed_is_found(tmp_path, monkeypatch):
+def test_damage_of_a_run_that_was_killed_is_found(tmp_path, monkeypatch, many_records):
     """The rows after the last record may have any numbers, but not those before it."""
-    monkeypatch.setattr(storage, "_LEAST_PAUSE", 0.0)
-    monkeypatch.setattr(storage, "_LARGEST_SHARE", 1e9)
-    monkeypatch.setattr("eig3.run.chunks._CHUNK_SECONDS", 1e-6)
-    monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-6)
-    monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-6)
     keep, records = storage.Place.keep, []
 
     def copying(place, *arguments):

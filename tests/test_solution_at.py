@@ -59,19 +59,15 @@ def midpoint_errors(rhs, h, method):
     return np.array([np.abs(u - np.cos(t)).max(), np.abs(v + np.sin(t)).max()])
 
 
-@pytest.mark.parametrize("rhs", [damped, forced], ids=lambda rhs: rhs.__name__)
 @pytest.mark.parametrize(
-    ("method", "h"), [("eig3", 0.1), ("rk4", 0.1), ("rk5", 0.1), ("rk8", 0.4), ("eig7", 0.1), ("eig9", 0.1)]
+    ("method", "h", "rhs"),
+    [(*row, damped) for row in (("eig3", 0.1), ("rk4", 0.1), ("rk5", 0.1), ("rk8", 0.4), ("eig9", 0.1))]
+    + [("eig3", 0.1, forced), ("bm6", 0.2, forced)],
 )
 def test_between_saved_states_the_order_is_that_of_the_method(method, h, rhs):
     order = np.log2(midpoint_errors(rhs, h, method) / midpoint_errors(rhs, h / 2, method))
     # the next term of the error changes the ratio by O(h): by up to 0.4 in the order at these steps
-    assert (np.abs(order - eig3.METHODS[method]().order) < 0.4).all()
-
-
-def test_between_saved_states_bm6_is_of_its_order():
-    order = np.log2(midpoint_errors(forced, 0.2, "bm6") / midpoint_errors(forced, 0.1, "bm6"))
-    np.testing.assert_allclose(order, 6, atol=0.1)
+    assert (np.abs(order - eig3.METHODS[method]().order) < (0.1 if method == "bm6" else 0.4)).all()
 
 
 @pytest.mark.parametrize(
@@ -253,9 +249,9 @@ def test_a_problem_that_follows_work_has_the_accelerations_of_its_masses():
 
 def test_members_of_an_ensemble_have_accelerations():
     params = np.array([[1.0], [2.0], [3.0]])
-    together = eig3.ensemble(hardening, (0, 2), 1.0, 0.0, h=0.1, params=params, method="rk8", save_every=2)
+    together = eig3.ensemble(hardening, (0, 2), 1.0, 0.0, h=0.1, params=params, save_every=2)
     for i, p in enumerate(params):
-        alone = eig3.integrate(hardening, (0, 2), 1.0, 0.0, h=0.1, params=p, method="rk8", save_every=2)
+        alone = eig3.integrate(hardening, (0, 2), 1.0, 0.0, h=0.1, params=p, save_every=2)
         # the states agree except for round-off
         np.testing.assert_allclose(together[i].a, alone.a, rtol=0, atol=1e-13)
         np.testing.assert_allclose(together[i].at(1.23), alone.at(1.23), rtol=0, atol=1e-13)
