@@ -1,4 +1,4 @@
-"""Whole runs of argon and of the hopper as users start them: with the energy, with states kept, and with friction."""
+"""Whole runs of argon and of the hopper as users start them: with energies and with states in files."""
 
 from __future__ import annotations
 
@@ -42,18 +42,19 @@ def table(side: int, grains: int, repeats: int) -> str:
 
 
 def scene_run(problem: Problem, steps: int) -> float:
-    """Return the seconds of `Problem.integrate`, which follows the energy of argon."""
-    assert problem.h is not None
-    t_end, every = steps * problem.h, EVERY[problem.name]
-    return seconds_of(partial(problem.integrate, h=problem.h, t_end=t_end, save_every=every))
+    """Return the seconds of `Problem.integrate`, which follows the energy of argon and writes the states to a file."""
+    h, every = cast(float, problem.h), EVERY[problem.name]
+    with tempfile.TemporaryDirectory() as folder:
+        run = partial(problem.integrate, h=h, t_end=steps * h, save_every=every, save_to=folder)
+        return seconds_of(run)
 
 
 def lammps_run(start: Callable[[Problem], Simulation], problem: Problem, steps: int) -> float:
-    """Return the seconds of the command `run` from the start, with a line of energies and a dump for each state."""
+    """Return the seconds of the command `run`, with a line of energies and a binary dump of the states."""
     solver, every = start(problem).solver, EVERY[problem.name]
     with tempfile.TemporaryDirectory() as folder:
         solver.command(f"thermo {every}")
-        solver.command(f"dump states all custom {every} {Path(folder) / 'states'} id x y z vx vy vz")
+        solver.command(f"dump states all custom {every} {Path(folder) / 'states.bin'} id x y z vx vy vz")
         seconds = seconds_of(partial(solver.command, f"run {steps}"))
         solver.close()
     return seconds

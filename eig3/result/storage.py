@@ -293,6 +293,8 @@ def _plain(value: Any, key: str, arrays: dict[str, np.ndarray]) -> Any:
         values = _plain_all({str(i): item for i, item in enumerate(value.values())}, key, arrays)
         return {"names": list(value), "values": list(values.values())}
     if isinstance(value, tuple | list):
+        if set(map(type, value)) == {str}:  # the names of many degrees of freedom
+            return list(value)
         return list(_plain_all({str(i): item for i, item in enumerate(value)}, key, arrays).values())
     raise TypeError(f"{key} of the solution is of the type {type(value).__name__}, which a file cannot keep.")
 
