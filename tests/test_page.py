@@ -331,7 +331,7 @@ def hostile_record() -> SimpleNamespace:
     )
     found = record([hostile, replace(RESULTS[1], name=HOSTILE)])
     found.run.environment = {**found.run.environment, "cpu": HOSTILE}
-    found.command, found.missing, found.unsolved = HOSTILE, [HOSTILE], [HOSTILE]
+    found.run.command, found.missing, found.unsolved = HOSTILE, [HOSTILE], [HOSTILE]
     texts = {name: SimpleNamespace(command=HOSTILE, markdown=HOSTILE_MARKDOWN) for name in ("c", "stability", "hard")}
     found.texts = texts
     return found

@@ -406,7 +406,7 @@ def test_a_method_that_became_unstable_is_listed(tmp_path):
 def test_a_rival_of_another_version_tells_nothing_about_the_machine(tmp_path):
     old, new = record_of(tmp_path / "old", 1), record_of(tmp_path / "new", 1, scale={"scipy rk45": 2.0})
     assert Comparison.of(new, old).control == pytest.approx(2, rel=1e-4)  # seconds are kept with five digits
-    new.environment["scipy"], old.environment["scipy"] = "1.1", "1.0"
+    new.run.environment["scipy"], old.run.environment["scipy"] = "1.1", "1.0"
     found = Comparison.of(new, old)
     assert found.control is None
     assert found.marked == []
