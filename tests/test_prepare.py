@@ -6,6 +6,7 @@ import gc
 import pickle
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -95,6 +96,24 @@ def test_options_that_are_remembered_are_those_of_the_same_types():
     with pytest.raises(TypeError) as error:
         eig3.integrate(oscillator, SPAN, 1.0, 0.0, h=1.0, inline=1, params=P)
     assert error.value.__context__ is None  # the option is checked twice, and a user reads one error
+
+
+def test_a_method_that_is_defined_again_is_the_new_one():
+    def label_in_a_run(text):
+        class Again(eig3.Method):
+            name: ClassVar[str] = "again"
+            label: ClassVar[str] = text
+            kernel: ClassVar[str] = eig3.RK4.kernel
+            order: ClassVar[int] = 4
+
+        return [
+            eig3.integrate(oscillator, SPAN, 1.0, 0.0, h=1.0, method="again", params=P).method.label for _ in range(2)
+        ]
+
+    try:
+        assert [label_in_a_run("first"), label_in_a_run("second")] == [["first"] * 2, ["second"] * 2]
+    finally:
+        eig3.METHODS.pop("again", None)
 
 
 OPTIONS = {

@@ -15,7 +15,7 @@ from ..functions.events import Event, check_events
 from ..functions.first_order import NONE, FirstOrder
 from ..functions.layout import Layout
 from ..functions.quantities import Functions, check_functions
-from ..methods import Method
+from ..methods import METHODS, Method
 from ..result.labels import Labels
 from ..result.memory import n_rows
 from .tolerances import Tolerances, check_tolerances, check_variable
@@ -88,18 +88,20 @@ def _remembered(check: Callable[..., RunOptions]) -> Callable[..., RunOptions]:
     """Return a function that checks options once: most calls in a loop have the same ones."""
 
     @functools.lru_cache(64, typed=True)
-    def known(*layout: Layout | None, **options: Any) -> RunOptions:
+    def known(methods: tuple, *layout: Layout | None, **options: Any) -> RunOptions:
         return check(*layout, **{name: dict(x) if type(x) is _Items else x for name, x in options.items()})
 
     @functools.wraps(check)
     def checked(*layout: Layout | None, **options: Any) -> RunOptions:
         hashable = options
+        # A notebook may define the method of a name again.
+        methods = tuple(METHODS.values()) if isinstance(options.get("method"), str) else ()
         for name in ("events", "invariants", "outputs"):
             functions = options.get(name)
             if type(functions) is dict and tuple not in map(type, functions.values()):  # k of (function, k) has a type
                 hashable = {**hashable, name: _Items(functions.items())}
         with suppress(TypeError, ValueError):  # an array cannot be remembered, or an option is not valid
-            return known(*layout, **hashable)
+            return known(methods, *layout, **hashable)
         return check(*layout, **options)
 
     return checked
