@@ -43,12 +43,9 @@ def tables(sizes: tuple[int, ...], side: int, repeats: int) -> str:
         "Atoms of argon:",
         table("atoms", [argon(side)], repeats),
         _OPENMM if openmm.is_there() else openmm.INSTALL,
-        *(
-            ["Whole runs, with energies and states as users keep them:", whole_runs.table(side, _GRAINS, repeats)]
-            if lammps.is_there()
-            else []
-        ),
     ]
+    if lammps.is_there():
+        parts += ["Whole runs, with energies and with states in files:", whole_runs.table(side, _GRAINS, repeats)]
     return "\n\n".join(parts)
 
 
