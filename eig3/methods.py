@@ -65,6 +65,8 @@ class Method:
     ------
     ValueError
         If another method already has the name; raised when the subclass is defined.
+    AttributeError
+        If an option is assigned: subclasses are frozen dataclasses.
     """
 
     name: ClassVar[str]
@@ -94,6 +96,10 @@ class Method:
         if known and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
             raise ValueError(f"name {name!r} is taken by {known.__qualname__}; give {cls.__qualname__} another name.")
         METHODS[name] = cls
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        kind = type(self).__name__  # runs are remembered by their options
+        raise AttributeError(f"{kind} cannot set {name!r}: write the options as fields of a @dataclass(frozen=True).")
 
     @property
     def is_implicit(self) -> bool:

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import types
+import weakref
 
 import numba
 import numpy as np
@@ -12,14 +13,20 @@ import eig3
 from eig3.kernels.compile.numba_internals import compile_results
 
 MODULE = types.ModuleType("settings")
+MODULE.inner = types.ModuleType("settings.inner")
 SOURCE = """
 @numba.njit
 def spring(u):
     return -K * u
 
+@numba.extending.register_jitable
+def same(x):
+    return x
+
 @eig3.jit
 def rhs(t, u, v, p):
-    return spring(u) * W[0] * settings.factor
+    factor = settings.factor * settings.inner.factor * (1.0 if FACTOR is None else FACTOR)
+    return same(spring(u)) * W[0] * PAIR[1][0] * RECORD.k * factor + 0 * p.size
 
 @eig3.jit
 def energy(t, u, v, p):
@@ -29,8 +36,9 @@ def energy(t, u, v, p):
 
 @pytest.fixture
 def names():
-    MODULE.factor = 1.0
+    MODULE.factor = MODULE.inner.factor = 1.0
     namespace = {"eig3": eig3, "numba": numba, "K": 1.0, "W": np.ones(2), "settings": MODULE}
+    namespace |= {"PAIR": (1, np.ones(2)), "RECORD": np.ones(2, [("k", "f8")])[0], "FACTOR": None, "size": 0}
     exec(SOURCE, namespace)
     return namespace
 
@@ -57,7 +65,46 @@ def other_helper(names):
     exec("@numba.njit\ndef spring(u):\n    return -4.0 * u", names)
 
 
-@pytest.mark.parametrize("change", [other_number, other_entry_of_an_array, other_value_in_a_module, other_helper])
+def other_entry_of_an_array_in_a_tuple(names):
+    names["PAIR"][1][0] = 4.0
+
+
+def other_entry_of_a_record(names):
+    names["RECORD"]["k"] = 4.0
+
+
+def a_number_for_none(names):
+    names["FACTOR"] = 4.0
+
+
+def other_value_in_a_module_of_a_module(names):
+    names["settings"].inner.factor = 4.0
+
+
+def other_module(names):
+    names["settings"] = types.ModuleType("settings")
+    names["settings"].factor, names["settings"].inner = 4.0, MODULE.inner
+
+
+def other_function_that_is_not_jitted(names):
+    exec("@numba.extending.register_jitable\ndef same(x):\n    return 4.0 * x", names)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        other_number,
+        other_entry_of_an_array,
+        other_entry_of_an_array_in_a_tuple,
+        other_entry_of_a_record,
+        a_number_for_none,
+        other_value_in_a_module,
+        other_value_in_a_module_of_a_module,
+        other_module,
+        other_helper,
+        other_function_that_is_not_jitted,
+    ],
+)
 def test_the_next_run_has_the_new_value(names, change):
     assert omega(names) == 1
     assert names["rhs"](0.0, 1.0, 0.0, np.empty(0)) == -1
@@ -118,9 +165,18 @@ def test_invariants_see_the_new_value_and_a_run_that_is_extended_the_old_one(nam
 def test_nothing_is_compiled_anew_where_nothing_has_changed(names):
     omega(names)
     before = next(iter(compile_results(names["rhs"]).values()))
-    names["K"], names["W"] = float("1.0"), np.ones(2)
+    names["K"], names["W"], names["PAIR"] = float("1.0"), np.ones(2), (1, np.ones(2))
+    names["size"] = 1  # not a variable of rhs, which reads p.size
     omega(names)
     assert next(iter(compile_results(names["rhs"]).values())) is before
+
+
+def test_a_run_keeps_no_variable_that_it_does_not_use(names):
+    names["solution"] = np.ones(2)
+    freed = weakref.ref(names["solution"])
+    omega(names)
+    del names["solution"]
+    assert freed() is None
 
 
 def test_a_jacobian_that_is_inlined():

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import types
+from collections import namedtuple
 from concurrent.futures import ThreadPoolExecutor
 
 import numba
@@ -58,6 +59,11 @@ def test_the_same_function_has_the_same_content():
 )
 def test_a_change_is_noticed(change):
     assert content(defined(**change)) not in ("", content(defined()))
+
+
+def test_the_names_in_a_named_tuple_are_noticed():
+    first, second = (namedtuple("Pair", names)(1.0, 2.0) for names in ("k c", "c k"))
+    assert content(defined(K=first)) != content(defined(K=second))
 
 
 def test_a_value_of_an_outer_function_is_noticed():

@@ -57,6 +57,17 @@ def test_a_kernel_file_that_lacks_a_name_is_refused():
         _ = Incomplete().formulas
 
 
+def test_a_record_whose_options_may_change_is_refused():
+    """Runs with equal records share compiled code."""
+
+    class Changing(eig3.Method):
+        def __init__(self, alpha):
+            self.alpha = alpha
+
+    with pytest.raises(AttributeError, match=r"^Changing cannot set 'alpha': .* @dataclass\(frozen=True\)\.$"):
+        Changing(1.0)
+
+
 def test_every_record_is_hashable_and_describes_itself():
     for record in eig3.METHODS.values():
         method = record()

@@ -98,6 +98,21 @@ def test_options_that_are_remembered_are_those_of_the_same_types():
     assert error.value.__context__ is None  # the option is checked twice, and a user reads one error
 
 
+def test_times_that_change_in_an_object_with_a_hash_are_the_new_ones():
+    """As a tensor of PyTorch, whose hash is its identity."""
+
+    class Tensor:
+        values: ClassVar[list[float]] = [0.25, 1.0]
+
+        def __array__(self, dtype=None, copy=None):
+            return np.array(self.values)
+
+    times = Tensor()
+    for first in (0.25, 0.5):
+        times.values[0] = first
+        assert eig3.integrate(oscillator, SPAN, 1.0, 0.0, h=1.0, t_eval=times, params=P).t[0] == first
+
+
 def test_a_method_that_is_defined_again_is_the_new_one():
     def label_in_a_run(text):
         class Again(eig3.Method):

@@ -137,7 +137,7 @@ def _text(value: Any) -> str:
         return f"({', '.join(map(_text, value))})"
     if isinstance(value, np.generic):
         value = value.item()  # a file keeps numbers of Python
-    if value is None or is_plain(value):
+    if is_plain(value):
         return captured_text(value)
     if dataclasses.is_dataclass(value):
         values = (f"{each.name}={_text(getattr(value, each.name))}" for each in dataclasses.fields(value))

@@ -10,13 +10,12 @@ import types
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numba
 import numpy as np
 
 from ..kernels.compile.cache import keep_on_disk
-from ..kernels.compile.captured import Captured, helpers_first
+from ..kernels.compile.captured import Captured, helpers_first, names_in
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.compile.jit import OPTIONS, compiled
 from ..kernels.compile.numba_internals import (
@@ -137,10 +136,6 @@ _INVARIANT_ARGUMENTS = "(t, u, v, p) -> float"
 PLACE_OF_V, PLACE_OF_P = 2, 3  # among the arguments of a function
 WITH_Z = 7  # arguments of a right-hand side with first-order unknowns
 
-# The references are weak, to free the memory of functions that are no longer used.
-_checked: WeakKeyDictionary[Jitted, dict[tuple[str, str], Callback]] = WeakKeyDictionary()
-_captured: WeakKeyDictionary[Jitted, Captured] = WeakKeyDictionary()  # at the time when each was compiled
-
 
 def check_callback(function: Any, kind: str, form: Form, name: str | None = None) -> Callback:
     """Compile a function for the fixed signature of its kind.
@@ -171,7 +166,7 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     if isinstance(function, Jitted):
         if hasattr(function, "callback"):  # a member of a `Family`
             return function.callback(kind, form, name or kind)
-        known = _checked.setdefault(function, {}).get((kind, form.name))
+        known = vars(function).get("_eig3_callbacks", {}).get((kind, form.name))
         if known is not None and is_present(known, function):
             return known
     with DeferredInterrupt():
@@ -179,7 +174,8 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     captured = tuple(captured for _, captured in helpers_first(function))
     reads = reads_velocity(function), reads_time(function)
     callback = Callback(address_of(result), (kind, form), result, _with_present_globals(function), *reads, captured)
-    _checked[function][kind, form.name] = callback
+    # The function holds what is known of it.
+    vars(function).setdefault("_eig3_callbacks", {})[kind, form.name] = callback
     return callback
 
 
@@ -204,13 +200,13 @@ def _renew(function: Jitted) -> None:
     """Recompile a function and the functions that it calls if values that were compiled into them have changed."""
     renewed: list[Jitted] = []
     for each, captured in helpers_first(function):
-        before = _captured.get(each)
+        before = vars(each).get("_eig3_captured")  # when it was compiled
         # Code that was compiled before this check may contain any values.
         is_old = before.differs() if before else bool(captured.values)
         if compile_results(each) and (is_old or any(helper in renewed for helper in captured.functions)):
             each.recompile()
             renewed.append(each)
-        _captured[each] = captured
+        vars(each)["_eig3_captured"] = captured
 
 
 def _with_present_globals(function: Any) -> Callable:
@@ -219,7 +215,9 @@ def _with_present_globals(function: Any) -> Callable:
     The bindings to named parameters and to first-order unknowns are inlined in the copy, which can then run in lanes.
     """
     f = function.py_func
-    copy = types.FunctionType(f.__code__, dict(f.__globals__), f.__name__, f.__defaults__, f.__closure__)
+    names = "__name__", "__builtins__", *names_in(f.__code__)  # the others, such as large arrays, may be freed
+    present = {name: f.__globals__[name] for name in names if name in f.__globals__}
+    copy = types.FunctionType(f.__code__, present, f.__name__, f.__defaults__, f.__closure__)
     if hasattr(f, "inner"):
         inner = _with_present_globals(f.inner)
         copy.__globals__["inner_function"] = numba.jit(inner, **{**options_of(f.inner), "inline": "always"})

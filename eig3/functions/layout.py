@@ -15,7 +15,6 @@ from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -173,7 +172,7 @@ class Layout:
             return dataclasses.replace(function, g=self.bind(function.g), apply=self.bind(function.apply))
         if not isinstance(function, Jitted) or bound_layout(function) or hasattr(function, "callback"):
             return function
-        known = _bound.setdefault(function, {})
+        known = vars(function).setdefault("_eig3_in_layouts", {})
         if self not in known:
             known[self] = self._bound(function, place)
         return known[self]
@@ -190,7 +189,7 @@ class Layout:
             The parameters with a value for each member, which are the second array. The first array has all.
         """
         key = self, tuple(own), tuple(np.shape(values[name]) for name in own)
-        known = _bound_in_lanes.setdefault(function, {})
+        known = vars(function).setdefault("_eig3_in_lanes", {})
         if key not in known:
             read, first = self._read(function, PLACE_OF_P), 0
             lines = ["shared, own = {p}", *self._views("shared", read)]
@@ -286,11 +285,6 @@ class Layout:
             return [f"value_{k} = Sparse({', '.join(parts)}, (size_{k}_0, size_{k}_1))"]
         sizes = "".join(f"size_{k}_{i}, " for i in range(kind.ndim))
         return [f"value_{k} = {'whole' if kind.is_whole else 'real'}_part({p}, begin_{k}, ({sizes}))"]
-
-
-# The references are weak, to free the memory of functions that are no longer used.
-_bound: WeakKeyDictionary[Any, dict[Layout, Any]] = WeakKeyDictionary()
-_bound_in_lanes: WeakKeyDictionary[Any, dict[tuple, Callable]] = WeakKeyDictionary()
 
 
 def bound_layout(function: Any) -> Layout | None:

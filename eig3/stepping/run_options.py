@@ -100,8 +100,9 @@ def _remembered(check: Callable[..., RunOptions]) -> Callable[..., RunOptions]:
             functions = options.get(name)
             if type(functions) is dict and tuple not in map(type, functions.values()):  # k of (function, k) has a type
                 hashable = {**hashable, name: _Items(functions.items())}
-        with suppress(TypeError, ValueError):  # an array cannot be remembered, or an option is not valid
-            return known(methods, *layout, **hashable)
+        if {*_FIXED, type(options.get("method"))}.issuperset(map(type, hashable.values())):
+            with suppress(TypeError, ValueError):  # a method cannot be remembered, or an option is not valid
+                return known(methods, *layout, **hashable)
         return check(*layout, **options)
 
     return checked
@@ -109,6 +110,10 @@ def _remembered(check: Callable[..., RunOptions]) -> Callable[..., RunOptions]:
 
 class _Items(tuple):
     """The items of a dictionary, which can be remembered."""
+
+
+#: The types of options whose values cannot change. Other objects may change although they have a hash, such as tensors.
+_FIXED = type(None), bool, int, float, np.float64, str, tuple, _Items, FirstOrder, Labels
 
 
 @_remembered

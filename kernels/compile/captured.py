@@ -6,10 +6,13 @@ compiled code. So these values are kept, and compared with the values at a later
 
 from __future__ import annotations
 
+import dis
 import hashlib
+import operator
 import random
 from collections.abc import Callable, Iterator
-from functools import partial
+from copy import deepcopy
+from functools import lru_cache, partial
 from types import CellType, CodeType, ModuleType
 from typing import Any
 
@@ -18,7 +21,7 @@ import numpy as np
 from .numba_internals import Jitted
 
 _PACKAGE = __name__.partition(".")[0] + "."
-_PLAIN = bool, int, float, complex, str, np.generic
+_PLAIN = bool, int, float, complex, str, bytes, type(None), np.generic
 
 
 class Captured:
@@ -39,22 +42,24 @@ class Captured:
         self.functions: list[Jitted] = []
         self.values: dict[str, Any] = {}
         self.random = ""
-        self._compared: list[tuple[Callable[[], Any], Any]] = []
+        self._reads: list[Callable[[], Any]] = []
+        self._objects: list[Any] = []
         is_ours = _is_ours(plain)
         for name, read in places(plain):
             value = read()
-            if isinstance(value, Jitted):
-                self.functions.append(value)
-            elif is_plain(value) and not is_ours:
-                value = self.values[name] = value.copy() if isinstance(value, np.ndarray) else value
-            elif _is_random(value):
+            self.functions += [x for x in (value if isinstance(value, tuple) else (value,)) if isinstance(x, Jitted)]
+            if not self.random and _is_random(value):
                 self.random = name
-            if not is_ours and (isinstance(value, Jitted) or name in self.values):
-                self._compared.append((read, value))
+            if not is_ours:
+                if is_plain(value):
+                    value = self.values[name] = deepcopy(value)
+                self._reads.append(read)
+                self._objects.append(value)
 
     def differs(self) -> bool:
-        """Return whether one of the values is another one now."""
-        return any(not _is_same(read(), value) for read, value in self._compared)
+        """Return whether one of the values, functions, modules and other objects is another one now."""
+        now = [read() for read in self._reads]
+        return not (all(map(operator.is_, now, self._objects)) or all(map(_is_same, now, self._objects)))
 
 
 def helpers_first(function: Any) -> list[tuple[Any, Captured]]:
@@ -80,24 +85,42 @@ def _is_ours(function: Any) -> bool:
 
 def places(function: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
     """Yield the names in a function that are not its own, and a function that reads the value."""
-    names = dict.fromkeys(_names(function.__code__))
-    namespace = function.__globals__
-    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
-        yield name, partial(_content, cell)
-    for name in names:
-        if name in namespace:
-            yield name, partial(namespace.get, name)
-            if isinstance(module := namespace[name], ModuleType):
-                for attribute in names:
-                    if attribute in vars(module):
-                        yield f"{name}.{attribute}", partial(vars(module).get, attribute)
+    code, namespace = function.__code__, function.__globals__
+    cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
+    outer = [(name, partial(_content, cell)) for name, cell in cells]
+    names, seen = [*dict.fromkeys(names_in(code))], set[ModuleType]()
+    variables = names if _is_ours(function) else _globals(code)  # of ours, nothing is compared: to find them takes time
+    outer += [(name, partial(namespace.get, name)) for name in variables if name in namespace]
+    for name, read in outer:
+        yield name, read
+        yield from _places_in(read(), name, names, seen)
 
 
-def _names(code: CodeType) -> Iterator[str]:
+def _places_in(module: Any, name: str, names: list[str], seen: set[ModuleType]) -> Iterator[tuple[str, Any]]:
+    """Yield the places in a module, and in the modules in it, that have the names of attributes in a function."""
+    if not isinstance(module, ModuleType) or module in seen:
+        return
+    seen.add(module)
+    for attribute in names:
+        if attribute in vars(module):
+            yield f"{name}.{attribute}", partial(vars(module).get, attribute)
+            yield from _places_in(vars(module)[attribute], f"{name}.{attribute}", names, seen)
+
+
+@lru_cache(1024)  # to read the code takes a tenth of a millisecond
+def _globals(code: CodeType) -> tuple[str, ...]:
+    """Return the names of global variables. Attributes, such as p.k, may have the names of other variables."""
+    found = [i.argval for i in dis.get_instructions(code) if i.opname == "LOAD_GLOBAL"]
+    found += (name for inner in code.co_consts if isinstance(inner, CodeType) for name in _globals(inner))
+    return tuple(dict.fromkeys(found))
+
+
+def names_in(code: CodeType) -> Iterator[str]:
+    """Yield the names of global variables and of attributes."""
     yield from code.co_names
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
-            yield from _names(constant)
+            yield from names_in(constant)
 
 
 def _content(cell: CellType) -> Any:
@@ -120,7 +143,7 @@ def _is_random(value: Any) -> bool:
 
 
 def _is_same(now: Any, then: Any) -> bool:
-    if isinstance(then, np.ndarray):
+    if isinstance(then, np.ndarray | np.void):
         has_type = type(now) is type(then) and now.dtype == then.dtype and now.shape == then.shape
         return has_type and _is_same_in_memory(now, then)
     if now is then:
@@ -144,5 +167,5 @@ def captured_text(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"{value.dtype.str}{value.shape}{hashlib.sha256(value.tobytes()).hexdigest()}"
     if isinstance(value, tuple):
-        return f"({', '.join(map(captured_text, value))})"
+        return f"{getattr(value, '_fields', '')}({', '.join(map(captured_text, value))})"
     return f"{type(value).__name__} {value!r}"

@@ -54,7 +54,7 @@ def _own_content(function: Any, numbers: Mapping[Any, int], is_named: bool) -> s
         if isinstance(value, Jitted):  # of functions that call each other, one has no number yet
             text = f"function {numbers[value]}" if value in numbers else ""
         else:
-            text = _value(value, name)
+            text = _value(value)
         if not text:
             return ""
         parts.append(f"{name}={text}")
@@ -83,14 +83,14 @@ def _canonical(value: Any) -> str:
     return repr(value)
 
 
-def _value(value: Any, name: str) -> str:
-    """Return a text that tells a value from outside, by the name of its place, from others; empty if there is none."""
-    if value is None or is_plain(value):
+def _value(value: Any) -> str:
+    """Return a text that differs for other values from outside; empty if there is none."""
+    if is_plain(value):
         return captured_text(value)
     if isinstance(value, numba.types.Type):
         return str(value)
-    if isinstance(value, ModuleType):  # of a module in a module, the places of the values are not known
-        return value.__name__ if "." not in name or value.__name__.partition(".")[0] in _ROOTS else ""
+    if isinstance(value, ModuleType):
+        return value.__name__
     if isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
         return f"{value.__name__}{value._fields}"
     if isinstance(value, np.ufunc):
