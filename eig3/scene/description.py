@@ -303,7 +303,8 @@ class Description:
         self, effect: Link, points: Points, others: Points | None, excluded: tuple[str, ...], capacity: int | None
     ) -> None:
         effect = effect.of_groups(1 if others is None else 2)
-        groups = [self._numbers_of([handle], effect)[0] for handle in (points, others) if handle is not None]
+        handles = (points,) if others is None else (points, others)
+        groups = [self._numbers_of([handle], effect)[0] for handle in handles]
         first, second = groups[0].ravel(), groups[1].ravel() if len(groups) > 1 else np.empty(0, dtype=np.int64)
         columns = effect.columns(groups[0].shape, self.dimension)
         if not first.size or (others is not None and not second.size):
@@ -399,7 +400,7 @@ class Description:
                 raise TypeError(f"{effect.title} acts on Points of a scene, not on {type(handle).__name__}{hint}.")
             if handle.scene is not self:
                 raise ValueError(f"{effect.title} was given points of another scene.")
-        if len(points) not in effect.takes and not isinstance(effect, Link):
+        if len(points) not in effect.takes and not (isinstance(effect, Link) and len(points) == 1):
             takes = " or ".join(map(str, effect.takes))
             raise TypeError(f"{effect.title} takes {takes} arguments of points, not {len(points)}.")
         numbers = [handle.numbers for handle in points]

@@ -155,8 +155,8 @@ def _is_same(now: Any, then: Any) -> bool:
     return bool(now == then or (now != now and then != then))
 
 
-def _is_same_in_memory(now: np.ndarray, then: np.ndarray) -> bool:
-    """Compare the bytes of two arrays of one type and shape, so that NaN is the same as NaN."""
+def _is_same_in_memory(now: Any, then: Any) -> bool:
+    """Compare the bytes of two arrays, or two records, of one type and shape, so that NaN is the same as NaN."""
     if not (now.flags.c_contiguous and then.flags.c_contiguous) or now.dtype.itemsize != 8 or not now.ndim:
         return now.tobytes() == then.tobytes()
     return np.array_equal(now.view(np.int64), then.view(np.int64))
