@@ -471,11 +471,17 @@ class Problem:
         Raises
         ------
         ValueError
-            If the problem has no energy, or z is missing.
+            If the problem has no energy, u or v has another shape, or z is missing.
         """
         if self.energy is None:
             raise ValueError(
                 f"{self.name} has no energy: make its scene or structure with work=True, or give the problem one."
+            )
+        shape = np.shape(self.u0)
+        if np.shape(u) != np.shape(v) or np.shape(u)[np.ndim(u) - len(shape) :] != shape:
+            raise ValueError(
+                f"u and v must have the shape {shape} of u0, or a first axis of states before it, not the shapes "
+                f"{np.shape(u)} and {np.shape(v)}."
             )
         if self.unknowns.is_read:
             if z is None:

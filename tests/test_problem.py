@@ -35,6 +35,13 @@ def test_changed_parameters_reach_rhs_and_energy():
     assert double.integrate(h=1e-3).u[-1] != problem.integrate(h=1e-3).u[-1]
 
 
+def test_states_of_another_problem_have_no_energy_here():
+    problem = problems.kepler()
+    for u, v in ((np.ones(3), np.ones(3)), (np.ones((5, 2)), np.ones((4, 2))), (1.0, 1.0)):
+        with pytest.raises(ValueError, match=r"^u and v must have the shape \(2,\) of u0, or a first axis of states "):
+            problem.energy_of(u, v)
+
+
 def test_what_holds_for_one_start_is_dropped_with_it():
     problem = problems.single_dof()
     later = problem.with_(t_span=(problem.t_span[0] + 1, problem.t_span[1] + 1))
