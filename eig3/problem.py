@@ -733,7 +733,7 @@ class Problem:
 
 
 def _are_equal(value: Any, other: Any) -> bool:
-    """Return whether two values of a field are equal. Those of z0 are numbers and arrays by name."""
+    """Return whether two values of a field are equal; z0 has numbers and arrays by name."""
     if isinstance(value, Mapping):
         return all(np.array_equal(value[name], other[name]) for name in value)
     return np.array_equal(value, other)
