@@ -210,7 +210,7 @@ class Problem:
             if name not in names:
                 raise TypeError(f"with_ can change {', '.join(names)}, but not {name}{suggestion(name, names)}")
         new = {name: self._checked(name, value) for name, value in changes.items()}
-        changed = {name for name in _START if name in new and not np.array_equal(new[name], getattr(self, name))}
+        changed = {name for name in _START if name in new and not _are_equal(new[name], getattr(self, name))}
         if "t_span" in new and new["t_span"][0] != self.t_span[0]:
             changed.add("t_span")
         dropped = ["continuum"] * bool(changed) + ["draw", "view", "geometry", "encounters"] * ("params" in changed)
@@ -736,6 +736,13 @@ class Problem:
             return invariants
         balance = EnergyLessWork(self.energy, np.size(self.u0) + self.unknowns.begin("work"))
         return {name: balance if function is self.energy else function for name, function in invariants.items()}
+
+
+def _are_equal(value: Any, other: Any) -> bool:
+    """Return whether two values of a field are equal; z0 has numbers and arrays by name."""
+    if isinstance(value, Mapping):
+        return all(np.array_equal(value[name], other[name]) for name in value)
+    return np.array_equal(value, other)
 
 
 def _refuse_fields(options: dict[str, Any], call: str) -> None:

@@ -327,6 +327,14 @@ def test_problems_have_z0():
     assert plan.best.method.name in ("eig5", "rk8")
 
 
+def test_a_copy_knows_whether_an_array_of_z0_changes():
+    problem = eig3.Problem("link", forced, [1.0, 0.0], [0.0, 0.0], 1.0, (0.0, 1.0), z0={"z": [0.0, 0.5]}, exact=np.sin)
+    assert problem.with_(z0={"z": [0.0, 0.5]}).exact is np.sin
+    other = problem.with_(z0={"z": [0.0, 0.6]})
+    assert other.exact is not np.sin
+    assert other.z0["z"].tolist() == [0.0, 0.6]
+
+
 def test_errors_and_accuracy_of_z():
     """The estimates are within a factor of 2 of the true errors."""
     checked = run(h=0.02, check=True)

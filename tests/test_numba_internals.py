@@ -312,6 +312,16 @@ def test_patches_can_be_left_out(monkeypatch):
     assert called_at(plain.address_of(plain.compile_results(function)[(float64,)]), 2.0) == 4.0
 
 
+def test_products_of_matrices_compile_without_the_early_import_of_scipy():
+    @numba.njit
+    def product(a, b):
+        return np.dot(a, b)
+
+    with probe("Numba needs `ensure_blas` of numba.np.linalg before it compiles `np.dot`"):
+        internals.compile_for(product, (float64[:, ::1], float64[::1]))
+    assert product(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([5.0, 6.0])).tolist() == [17.0, 39.0]
+
+
 def test_functions_with_python_objects_and_generators_keep_their_variables(capsys):
     """Numba still finds what lives at the entry of a block and at a yield where compiled code needs it."""
 

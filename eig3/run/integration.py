@@ -70,7 +70,7 @@ def integrate(
         Tolerances, which bound the estimated error of each step by ``atol + rtol * size``. Without atol, a size is the
         largest |u| or |v| of the degree of freedom so far; with atol, it is the current |u| or |v|.
     accuracy, scale, max_seconds : float; accuracy also dict of str to float
-        Instead of h or rtol: the largest estimated error of u, relative to max |u| or to `scale`.
+        Instead of h or rtol: the largest estimated error of u, relative to max |u| or `scale`; max_seconds ends trials.
     params : float or array_like; or NamedTuple or dict
         The parameters. rhs gets them as p, a one-dimensional array of float64, or with their names, as ``p.k``.
     z0 : float or array_like, shape (k,); or dict of str to these

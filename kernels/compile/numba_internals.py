@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import gc
-import importlib
+import importlib.util
 import itertools
 import operator
 import os
@@ -31,6 +31,7 @@ from llvmlite import ir
 from numba import cloudpickle
 from numba.core import cgutils, event
 from numba.core import ir as numba_ir
+from numba.core.base import BaseContext
 from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
@@ -64,7 +65,7 @@ from numba.np import arrayobj
 VERSIONS = numba.__version__, llvmlite.__version__
 
 #: The changes to Numba's own code in use. Each saves time only: the environment variable leaves some out, or all.
-PATCHES = frozenset(os.environ.get("EIG3_NUMBA_PATCHES", "operators lifetimes linked vectors").split())
+PATCHES = frozenset(os.environ.get("EIG3_NUMBA_PATCHES", "loading operators lifetimes linked vectors").split())
 
 # Jitted functions, and Numba's compile result for each tuple of types of their arguments
 
@@ -80,7 +81,38 @@ def compile_for(function: Jitted, arguments: tuple) -> None:
         _replaced("operators", BaseFunction, "get_call_type", _with_memory),
         _replaced("lifetimes", PostProcessor, "run", _without_entry_variables),
     ):
+        _load_numbas_functions()
         function.compile(arguments)
+
+
+@functools.cache
+def _load_numbas_functions() -> None:
+    """Let Numba load what it can compile, in half the usual time, which is most of the time of a first run."""
+    linalg = importlib.import_module("numba.np.linalg")
+    with (
+        _replaced("loading", linalg, "ensure_blas", lambda usual: _find_scipy),
+        _replaced("loading", BaseContext, "refresh", _not_within_itself),
+    ):
+        cpu_target.target_context.refresh()
+
+
+def _find_scipy() -> None:
+    """Let Numba know whether it can compile products of matrices; it imports SciPy where it compiles one."""
+    if importlib.util.find_spec("scipy") is None:
+        raise ImportError("there is no SciPy")
+
+
+def _not_within_itself(usual: Callable) -> Callable:
+    """Let Numba not look for new functions while it does: it would for each of some 250 functions."""
+    within: set[Any] = set()
+
+    def refresh(context: Any) -> None:
+        if context not in within:
+            within.add(context)
+            usual(context)
+            within.discard(context)
+
+    return refresh
 
 
 @contextmanager
@@ -100,8 +132,8 @@ def _without_collections() -> Iterator[None]:
 
 
 @contextmanager
-def _replaced(patch: str, owner: type, name: str, replace: Callable) -> Iterator[None]:
-    """A block in which a method of Numba is `replace` of itself, if this patch is in use."""
+def _replaced(patch: str, owner: Any, name: str, replace: Callable) -> Iterator[None]:
+    """A block in which a function of Numba is `replace` of itself, if this patch is in use."""
     if patch not in PATCHES:
         yield
         return
