@@ -392,6 +392,11 @@ def test_a_run_without_the_names_that_its_function_reads(params):
         eig3.prepare(spring, **H)
 
 
+def test_a_function_of_an_array_that_is_given_names():
+    with pytest.raises(TypeError, match=r"^rhs does not compile .*, in which p has the names p\.k, p\.c: tuple index"):
+        eig3.integrate(spring_of_array, (0, 1), 1.0, 0.0, params={"k": 1.0, "c": 0.1}, **H)
+
+
 def test_parameters_of_another_layout():
     problem = make_problem()
     with pytest.raises(TypeError, match=r"^params must have power too: its names are k, c, power\.$"):

@@ -265,7 +265,9 @@ def compile_present(function: Jitted, arguments: tuple, kind: str, name: str, wa
                 f"{name} reads p.{names[0]}, but the parameters have no names: give params={{{example}}} or the like, "
                 "to eig3.prepare too."
             ) from error
-        raise TypeError(f"{name} does not compile for the arguments {wanted}: {gist(error)}.") from error
+        layout = getattr(function.py_func, "layout", None)
+        given = f"{wanted}, in which p has the names p.{', p.'.join(layout.names)}" if layout else wanted
+        raise TypeError(f"{name} does not compile for the arguments {given}: {gist(error)}.") from error
 
 
 def compile_for_own_arrays(function: Any, kind: str, form: Form) -> None:
