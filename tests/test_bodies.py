@@ -364,9 +364,7 @@ def test_a_torque_takes_the_axes_of_a_body_and_nothing_else():
         scene.add(effects.HarmonicForce((1.0, 0.0), 2.0), bar)
 
 
-@pytest.mark.parametrize(
-    ("inertia", "others"), [((0.25, 0.25, 0.5), 0), ((3.0, 1.0, 2.0), 0), (np.diag([0.1, 0.2, 0.3]), 2)]
-)
+@pytest.mark.parametrize(("inertia", "others"), [((3.0, 1.0, 2.0), 0), (np.diag([0.1, 0.2, 0.3]), 2)])
 def test_a_plate_without_thickness_follows_eulers_equations(inertia, others):
     """Also with a torque and a force on a point outside its plane, which the vector across it could not bear."""
     scene, place, w0 = Scene(3), (0.3, -0.2, 0.5), np.array([0.3, 2.0, 0.1])
@@ -391,7 +389,7 @@ def test_a_plate_without_thickness_follows_eulers_equations(inertia, others):
         spin = turn.inv().apply(plate.angular_velocity(run.u, run.v)[-1])
         np.testing.assert_allclose(spin, exact[4:], rtol=0, atol=tolerance)
         assert (turn.inv() * Rotation.from_quat(exact[:4])).magnitude() < tolerance
-    if moments[2] == 0.5:
+    if not others:
         lanes = problem.ensemble(h=1e-3, u0=[problem.u0] * 3)
         assert not lanes.notes
         np.testing.assert_allclose(lanes.u[1, -1], run.u[-1], rtol=0, atol=1e-12)

@@ -178,6 +178,8 @@ def test_blocks_and_threads():
     np.testing.assert_array_equal(some, run.u[: len(some)])
     with pytest.raises(ValueError, match=r"^rhs uses threads, but the members already use all threads"):
         shared.ensemble(params={"ground_scale": [1.0, 2.0]}, h=1e-3)
+    members = problem.ensemble(params={"ground_scale": [1.0, 2.0]}, h=1e-3)
+    assert "one at a time, because params have a sparse matrix" in members.notes[0]
 
 
 @eig3.jit
@@ -236,10 +238,12 @@ def test_lumped_masses():
         )
 
 
-@pytest.mark.parametrize("directions", [1, 3])  # `test_blocks_and_threads` has 2
-def test_factors_of_a_mass_solve_in_place(directions):
-    """A mass that is the same in each direction is factored for one of them."""
-    rng = np.random.default_rng(3)
+def test_factors_of_a_mass_solve_in_place():
+    """A mass that is the same in each direction is factored for one of them.
+
+    `test_blocks_and_threads` has three directions, and `test_loads` has one.
+    """
+    rng, directions = np.random.default_rng(3), 2
     random = scipy.sparse.random_array((40, 40), density=0.05, rng=rng)
     one = random @ random.T + scipy.sparse.eye_array(40)
     M = check_mass(scipy.sparse.kron(one, scipy.sparse.eye_array(directions)), None).matrix
