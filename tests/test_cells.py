@@ -13,7 +13,6 @@ from eig3 import Status, problems
 from eig3.effects import (
     Angle,
     Cell,
-    Coulomb,
     Dihedral,
     HarmonicAngle,
     HingeBending,
@@ -38,12 +37,8 @@ from .conftest import acceleration, refusals
 
 CHAIN = np.array([(0.3, 1.0, -0.2), (0.0, 0.0, 0.0), (1.0, 0.1, 0.0), (1.3, -0.6, 0.8)])
 CORNER = np.array([(0.1, 0.0, 0.0), (1.0, 0.2, 0.1), (0.2, 0.9, -0.1), (0.1, 0.3, 1.1)])
-#: Every new effect with a potential: the dimensions of its scenes, and the points of one cell or pair.
+#: Each effect on cells with a potential: the dimensions of its scenes, and the points of one cell.
 CONSERVATIVE = {
-    "Lennard-Jones": (LennardJones(0.7, 0.9, 2.5), (1, 2, 3), CHAIN[1:3]),
-    "Coulomb": (Coulomb(-1.3, cutoff=2.0), (1, 2, 3), CHAIN[1:3]),
-    "damped Coulomb": (Coulomb(1.3, 0.9, 2.0), (1, 2, 3), CHAIN[1:3]),
-    "Morse": (Morse(0.7, 2.5, 0.9), (1, 2, 3), CHAIN[1:3]),
     "angle": (HarmonicAngle(3.0, 1.2), (2, 3), CHAIN[:3]),
     "dihedral": (RyckaertBellemans([1.0, 2.0, -0.5, 0.3, 0.7, -1.1]), (3,), CHAIN),
     "hinge": (HingeBending(2.0), (3,), CHAIN),

@@ -338,8 +338,7 @@ def test_a_list_that_outgrows_its_memory_misses_nothing():
         problem = scene.problem((0.0, 3.0))
         found.append(problem.integrate(h=1e-2))
         place = np.flatnonzero(problem.params == 100)[0]
-        params = problem.params.copy()
-        energies.append(in_python(problem.energy)(0.0, found[0].u[150], found[0].v[150], params))
+        energies.append(in_python(problem.energy)(0.0, found[0].u[150], found[0].v[150], problem.params.copy()))
         params = problem.params.copy()
         for t in (0, 150, 150, 300):
             by_python(problem, found[0].u[t], found[0].v[t], params)
