@@ -457,12 +457,14 @@ def test_members_of_a_small_scene_run_alone():
     scene.add(contact(contact_distance=0.8), balls)
     problem = scene.problem((0.0, 1.0))
     v0 = problem.v0 * np.linspace(0.5, 1.5, 20)[:, None]
-    for options in ({"h": 1e-2}, {"rtol": 1e-6, "method": "rk5", "save_every": None}):
-        for params in ({}, {"params": np.tile(problem.params, (20, 1))}):
-            found = problem.ensemble(v0=v0, threads=2, **options, **params)
-            for i in (0, 19):
-                one = problem.with_(v0=v0[i]).integrate(**options)
-                np.testing.assert_array_equal(found[i].u[-1], one.u[-1])
+    for options, params in (
+        ({"h": 1e-2}, {"params": np.tile(problem.params, (20, 1))}),
+        ({"rtol": 1e-6, "method": "rk5", "save_every": None}, {}),
+    ):
+        found = problem.ensemble(v0=v0, threads=2, **options, **params)
+        for i in (0, 19):
+            one = problem.with_(v0=v0[i]).integrate(**options)
+            np.testing.assert_array_equal(found[i].u[-1], one.u[-1])
 
 
 def test_params_that_are_no_list_are_refused():
