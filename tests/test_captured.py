@@ -114,17 +114,10 @@ def test_the_next_run_has_the_new_value(names, change):
     assert names["rhs"](0.0, 1.0, 0.0, np.empty(0)) == -4
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"h": 1e-3, "inline": True},
-        {"rtol": 1e-9, "inline": True, "method": "eig3"},  # its kernel compiles in less time than that of RK8
-    ],
-)
-def test_also_with_an_inlined_loop(names, options):
+def test_also_with_an_inlined_loop(names):
     for k in (1.0, 4.0):
         names["K"] = k
-        solution = eig3.integrate(names["rhs"], (0, 0.1), 1.0, 0.0, **options)
+        solution = eig3.integrate(names["rhs"], (0, 0.1), 1.0, 0.0, h=1e-3, inline=True)
         assert solution.u[-1] == pytest.approx(np.cos(0.1 * k**0.5), abs=1e-6)  # the error of EIG-3 is below 1e-8
 
 

@@ -234,7 +234,7 @@ def test_the_work_of_an_actuator_is_followed():
     assert np.ptp(precise.z["work"]) > 1
 
 
-@pytest.mark.parametrize("options", [{"h": 1e-3}, {"h": 1e-3, "method": "rk4"}, {"rtol": 1e-8}])
+@pytest.mark.parametrize("options", [{"h": 1e-3}, {"rtol": 1e-8}])
 def test_an_impact_goes_through_the_joints(options):
     """The end of a double pendulum strikes a wall: its restitution is exact, and no rod becomes longer."""
     scene = chain(2, angle=1.2)
@@ -316,7 +316,7 @@ def test_constraints_that_do_not_fit_are_named():
     with pytest.raises(ValueError, match="method 'cd' does not support constraints"):
         problem.integrate(h=1e-3, method="cd")
     with pytest.raises(ValueError, match="needs a rhs that ignores v"):
-        problem.integrate(h=1e-3, method="bm6")
+        problem.integrate(h=1e-3, method="bm6", invariants={})
 
 
 def flat_four_bar(flat=False):

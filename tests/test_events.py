@@ -392,7 +392,8 @@ def last_of_all(t, u, v, p):
 
 @eig3.jit
 def turn_all_back(t, u, v, p):
-    v[:] = -v * (u.size == 2)
+    for j in range(v.size):
+        v[j] *= -(u.size == 2)
 
 
 @eig3.jit
@@ -402,8 +403,8 @@ def both(t, u, v, p, out):
 
 @pytest.mark.parametrize(
     "options",
-    [FIXED, {**FIXED, "inline": True}, {"h": 0.01, "method": "eig9"}, ADAPTIVE],
-    ids=["eig3", "inline", "eig9", "rk5"],
+    [FIXED, {**FIXED, "inline": True}, {"h": 0.01, "method": "ab3"}, ADAPTIVE],
+    ids=["eig3", "inline", "ab3", "rk5"],
 )
 def test_callbacks_get_arrays_of_n_values_however_many_events_there_are(options):
     """With more events than degrees of freedom too. Each of two oscillators with omega^2 = 2 turns back at zero."""

@@ -57,15 +57,8 @@ def test_a_step_above_the_limit_that_stays_finite(rhs, u0, save_every):
         integrate(rhs, (0, 400), u0, np.zeros_like(u0), h=2.1, params=(1.0, 0.0), raise_on_failure=True)
 
 
-def test_ab3_above_its_limit():
-    """AB3 is stable up to omega h = 0.7236: here up to h = 0.00804."""
-    run = blown_up(integrate(spring, (0, 15), 1.0, 0.0, h=0.01, params=90.0, method="ab3"))
-    assert "0.00804" in run.message
-
-
-@pytest.mark.parametrize("method", ["rk2", "ab2"])
-def test_a_method_without_a_stable_step(method):
-    run = blown_up(integrate(spring, (0, 1000), 1.0, 0.0, h=0.1, params=4.0, method=method))
+def test_a_method_without_a_stable_step():
+    run = blown_up(integrate(spring, (0, 1000), 1.0, 0.0, h=0.1, params=4.0, method="ab2"))
     assert "unstable at every step" in run.message
 
 
@@ -180,7 +173,7 @@ def momentum(t, u, v, p):
     return v[0] + v[1] + v[2] + v[3]
 
 
-@pytest.mark.parametrize("method", ["eig3", "cd", "rk4"])
+@pytest.mark.parametrize("method", ["eig3", "rk4"])
 def test_what_is_nearly_zero_at_the_start_does_not_drift_far(method):
     """Of an energy that starts near zero by the choice of its zero, and of a momentum that is round-off."""
     options = {"h": 0.01, "method": method, "save_every": None}

@@ -36,21 +36,33 @@ def compiled_lists(lists):
     return eig3.jit(lambda task, t, u, p, place, part, parts: lists(task, t, memory(u), memory(p), place, part, parts))
 
 
-def by_python(problem, *state, **options):
-    """The acceleration as Python computes it, with compiled lists: the code of the scene takes no time to compile."""
-    rhs = problem.rhs.py_func
+def in_python(function):
+    """A function of a scene that Python evaluates, with compiled lists: its code takes no time to compile."""
+    function = function.py_func
     names = {
-        **{name: getattr(value, "py_func", value) for name, value in rhs.__globals__.items()},
+        **{name: getattr(value, "py_func", value) for name, value in function.__globals__.items()},
         "memory": lambda values: values,
         "floats": lambda p, begin, count: p[begin : begin + count],
         "integers": lambda p, begin, count: p[begin:].view(np.int32)[:count],
         "batch": lambda: np.empty(neighbours.BATCH),
-        "lists": compiled_lists(rhs.__globals__.get("lists")),
+        "lists": compiled_lists(function.__globals__.get("lists")),
     }
     for name, value in names.items():
-        if getattr(value, "__globals__", None) is rhs.__globals__:
+        if getattr(value, "__globals__", None) is function.__globals__:
             names[name] = FunctionType(value.__code__, names)
-    return acceleration(problem, *state, rhs=FunctionType(rhs.__code__, names), **options)
+    return FunctionType(function.__code__, names)
+
+
+def by_python(problem, *state, **options):
+    return acceleration(problem, *state, rhs=in_python(problem.rhs), **options)
+
+
+def in_vectors(problem, *state, **options):
+    """The acceleration by compiled code that takes the roots of several distances at once."""
+    rhs = eig3.jit(problem.rhs.py_func, cache=False)  # code from the disk has no text
+    a = acceleration(problem, *state, rhs=rhs, **options)
+    assert re.search(r"sqrtpd|fsqrt\s+v", next(iter(rhs.for_python.inspect_asm().values())))
+    return a
 
 
 def contact(**fields):
@@ -105,10 +117,10 @@ def test_near_pairs_have_the_forces_of_all_pairs(case):
     problem = scene.problem((0, 1))
     force, stored = by_numpy(x, v, contact_distance=(sizes[:, None] + sizes) / 2, damping=damping, box=box)
     assert np.abs(force).max() > 13
-    found = (acceleration if case in ("2d", "box") else by_python)(problem)
+    found = (by_python if damping else in_vectors)(problem)
     np.testing.assert_allclose(found, force.T.ravel() / 1.3, rtol=0, atol=1e-12 * np.abs(force).max())
     if not damping:
-        energy = problem.energy(0.0, problem.u0, problem.v0, problem.params.copy())
+        energy = in_python(problem.energy)(0.0, problem.u0, problem.v0, problem.params.copy())
         assert energy == pytest.approx(stored + 1.3 / 2 * (v**2).sum(), rel=1e-13)
 
 
@@ -131,9 +143,9 @@ def test_points_with_many_mates_have_the_forces_of_all_pairs(kind):
     if damping:
         expected, u, v0 = np.append(expected, (force * v).sum()), np.append(u, 0.0), np.append(v0, 0.0)
     else:
-        energy = problem.energy(0.2, u, v0, params)
+        energy = in_python(problem.energy)(0.2, u, v0, params)
         assert energy == pytest.approx(stored + 1.3 / 2 * (v**2).sum(), rel=1e-12)
-    found = (acceleration if kind == "elastic" else by_python)(problem, u, v0, t=0.2)
+    found = (by_python if damping else in_vectors)(problem, u, v0, t=0.2)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
@@ -274,7 +286,7 @@ def test_energy_and_momentum_are_kept_over_thousands_of_collisions():
     problem = gas(BOX).problem((0.0, 20.0))
     runs = [problem.integrate(h=h, save_every=None) for h in (2e-3, 1e-3)]
     drifts = [run.drift["energy"] for run in runs]
-    energy = problem.energy(0.0, problem.u0, problem.v0, problem.params.copy())
+    energy = problem.energy_of(problem.u0, problem.v0)
     assert drifts[0] < 1e-2 * energy
     assert drifts[1] < 0.4 * drifts[0]
     m, v = 1 / problem.params[:40], runs[1].v
@@ -326,7 +338,7 @@ def test_a_list_that_outgrows_its_memory_misses_nothing():
         problem = scene.problem((0.0, 3.0))
         found.append(problem.integrate(h=1e-2))
         place = np.flatnonzero(problem.params == 100)[0]
-        energies.append(problem.energy_of(found[0].u[150], found[0].v[150]))
+        energies.append(in_python(problem.energy)(0.0, found[0].u[150], found[0].v[150], problem.params.copy()))
         params = problem.params.copy()
         for t in (0, 150, 150, 300):
             by_python(problem, found[0].u[t], found[0].v[t], params)
@@ -438,18 +450,6 @@ def test_a_scene_without_near_pairs_has_no_code_for_them():
     assert not any(word in source for word in ("refresh", "mates", "rint", "side"))
 
 
-@pytest.mark.parametrize("contact_distance", [0.5, 3.0])  # few mates, and many
-def test_the_forces_of_near_pairs_are_computed_in_vectors(contact_distance):
-    """The roots of several distances are taken at once."""
-    x, v = cloud(3)
-    scene = Scene(3)
-    scene.add(contact(contact_distance=contact_distance, damping=0.0), scene.mass(1.0, x, v))
-    problem = scene.problem((0, 1))
-    rhs = eig3.jit(problem.rhs.py_func, cache=False)  # code from the disk has no text
-    rhs(0.0, problem.u0, problem.v0, problem.params.copy(), np.empty(problem.u0.size))
-    assert re.search(r"sqrtpd|fsqrt\s+v", next(iter(rhs.for_python.inspect_asm().values())))
-
-
 def test_members_of_a_small_scene_run_alone():
     """In lanes, the values of a member are not neighbours in memory, and a list of integers cannot be among them."""
     scene = Scene(2, box=(3.0, 3.0))
@@ -457,12 +457,14 @@ def test_members_of_a_small_scene_run_alone():
     scene.add(contact(contact_distance=0.8), balls)
     problem = scene.problem((0.0, 1.0))
     v0 = problem.v0 * np.linspace(0.5, 1.5, 20)[:, None]
-    for options in ({"h": 1e-2}, {"rtol": 1e-6, "method": "rk5", "save_every": None}):
-        for params in ({}, {"params": np.tile(problem.params, (20, 1))}):
-            found = problem.ensemble(v0=v0, threads=2, **options, **params)
-            for i in (0, 19):
-                one = problem.with_(v0=v0[i]).integrate(**options)
-                np.testing.assert_array_equal(found[i].u[-1], one.u[-1])
+    for options, params in (
+        ({"h": 1e-2}, {"params": np.tile(problem.params, (20, 1))}),
+        ({"rtol": 1e-6, "method": "rk5", "save_every": None}, {}),
+    ):
+        found = problem.ensemble(v0=v0, threads=2, **options, **params)
+        for i in (0, 19):
+            one = problem.with_(v0=v0[i]).integrate(**options)
+            np.testing.assert_array_equal(found[i].u[-1], one.u[-1])
 
 
 def test_params_that_are_no_list_are_refused():

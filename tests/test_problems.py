@@ -1,6 +1,7 @@
 """The problems: their constants do what they say, exact solutions solve them, energies are constant along them."""
 
 import copy
+import functools
 import math
 import pickle
 
@@ -446,15 +447,21 @@ def picture(problem, solution):
     return np.asarray(canvas.buffer_rgba())
 
 
+def have_equal_parts(*functions):
+    """Return whether the functions are one, with equal numbers and arrays that `functools.partial` binds."""
+    try:
+        np.testing.assert_equal(*((f.func, f.keywords) if isinstance(f, functools.partial) else f for f in functions))
+    except (AssertionError, ValueError):
+        return False  # also of objects that compare by identity
+    return True
+
+
 @pytest.mark.parametrize("name", problems.__all__)
 def test_copies_of_a_problem_have_its_exact_solution_and_its_picture(name):
     """The picture is that of a free motion, which takes no time to compile, or of a run."""
     problem = getattr(problems, name)(**FEWER.get(name, {}))
     t = np.linspace(*problem.t_span, 21)
     solution = made_up(t, problem.u0 + np.multiply.outer(t, problem.v0))
-    if name in WITH_RESULTS:
-        h = problem.h or min(0.1 * problem.critical_step().h, 1e-3 * problem.t_span[1])
-        solution = problem.integrate(h=h, t_end=20 * h)
     pickled = pickle.loads(pickle.dumps(problem))
     for other in (pickled, copy.deepcopy(problem)):
         for function in ("exact", "continuum"):
@@ -462,4 +469,9 @@ def test_copies_of_a_problem_have_its_exact_solution_and_its_picture(name):
             assert (one is None) == (two is None)
             if one:
                 np.testing.assert_array_equal(two(solution.t), one(solution.t))
+    if have_equal_parts(pickled.draw, problem.draw):
+        return
+    if name in WITH_RESULTS:
+        h = problem.h or min(0.1 * problem.critical_step().h, 1e-3 * problem.t_span[1])
+        solution = problem.integrate(h=h, t_end=20 * h)
     np.testing.assert_array_equal(picture(pickled, solution), picture(problem, solution))
