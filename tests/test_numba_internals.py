@@ -13,7 +13,7 @@ import re
 import sys
 from contextlib import contextmanager
 from importlib.metadata import version
-from importlib.util import module_from_spec, spec_from_file_location
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import NamedTuple
 
@@ -312,6 +312,7 @@ def test_patches_can_be_left_out(monkeypatch):
     assert called_at(plain.address_of(plain.compile_results(function)[(float64,)]), 2.0) == 4.0
 
 
+@pytest.mark.skipif(find_spec("scipy") is None, reason="Numba compiles products of matrices with SciPy only")
 def test_products_of_matrices_compile_without_the_early_import_of_scipy():
     @numba.njit
     def product(a, b):
