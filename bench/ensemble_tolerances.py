@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,18 +21,11 @@ _FEW = 100  # members of the loop of prepared runs, whose time is scaled
 _HEADER = ["ensemble, method", "steps a member", "lanes (us a member)", "prepared runs", "prepared / lanes"]
 
 
-@dataclass(frozen=True)
-class Set:
-    """A problem, and the u0, v0 and parameters of some members."""
+class Members(NamedTuple):
+    """A problem, and the u0, v0 and parameters of its members."""
 
     problem: Problem
-    u0: np.ndarray
-    v0: np.ndarray
-    params: np.ndarray
-
-    @property
-    def values(self) -> dict[str, Any]:
-        return {"u0": self.u0, "v0": self.v0, "params": self.params}
+    values: dict[str, Any]
 
 
 @eig3.jit
@@ -45,30 +38,28 @@ def far_of_many(t, u, v, p):
     return u[0] - 1e6
 
 
-def sets(m: int) -> dict[str, Set]:
+def sets(m: int) -> dict[str, Members]:
     """Return the ensembles with m members."""
     rng = np.random.default_rng(0)
 
-    def with_params(problem: Problem, **columns: np.ndarray) -> np.ndarray:
+    def members(problem: Problem, u0: Any, v0: Any, **columns: np.ndarray) -> Members:
         params = np.tile(np.asarray(problem.params, dtype=np.float64), (m, 1))
         for column, values in columns.items():
             params[:, int(column[1:])] = values
-        return params
+        return Members(replace(problem, energy=None), {"u0": u0, "v0": v0, "params": params})
 
-    duffing, van_der_pol = problems.duffing(delta=0.1, a=1.0, b=1.0, t_end=100.0), problems.van_der_pol(t_end=50.0)
-    kepler, ball = problems.kepler(t_end=20.0), problems.bouncing_ball()
-    e = np.linspace(0.0, 0.9, m)
-    ellipse = np.column_stack([1 - e, 0 * e]), np.column_stack([0 * e, np.sqrt((1 + e) / (1 - e))])
-    random = with_params(duffing, p3=rng.uniform(0.1, 0.5, m), p4=rng.uniform(0.5, 1.5, m))
-    found = {
-        "duffing": Set(duffing, rng.uniform(-0.5, 0.5, m), np.zeros(m), random),
-        "van_der_pol, mu from 1 to 20": Set(
-            van_der_pol, np.full(m, 2.0), np.zeros(m), with_params(van_der_pol, p0=np.linspace(1, 20, m))
+    e, rest = np.linspace(0.0, 0.9, m), np.zeros(m)
+    ellipse = np.column_stack([1 - e, rest]), np.column_stack([rest, np.sqrt((1 + e) / (1 - e))])
+    duffing = problems.duffing(delta=0.1, a=1.0, b=1.0, t_end=100.0)
+    amplitudes, frequencies = rng.uniform(0.1, 0.5, m), rng.uniform(0.5, 1.5, m)
+    return {
+        "duffing": members(duffing, rng.uniform(-0.5, 0.5, m), rest, p3=amplitudes, p4=frequencies),
+        "van_der_pol, mu from 1 to 20": members(
+            problems.van_der_pol(t_end=50.0), np.full(m, 2.0), rest, p0=np.linspace(1, 20, m)
         ),
-        "kepler, e from 0 to 0.9": Set(kepler, *ellipse, with_params(kepler)),
-        "bouncing_ball": Set(ball, rng.uniform(0.5, 2.0, m), np.zeros(m), with_params(ball)),
+        "kepler, e from 0 to 0.9": members(problems.kepler(t_end=20.0), *ellipse),
+        "bouncing_ball": members(problems.bouncing_ball(), rng.uniform(0.5, 2.0, m), rest),
     }
-    return {name: replace(one, problem=replace(one.problem, energy=None)) for name, one in found.items()}
 
 
 def tolerance_tables(m: int, repeats: int) -> str:
@@ -88,11 +79,11 @@ def tolerance_tables(m: int, repeats: int) -> str:
     return "\n".join([head, tables[0], event_head, tables[1]])
 
 
-def _row(name: str, one: Set, options: dict[str, Any], repeats: int) -> list[str]:
+def _row(name: str, one: Members, options: dict[str, Any], repeats: int) -> list[str]:
     prepared = one.problem.prepare(save_every=None, invariants={}, **options)
-    m = len(one.u0)
+    m = len(one.values["u0"])
     few = range(min(_FEW, m))
-    starts = [(None, one.u0[i], one.v0[i], one.params[i]) for i in few]
+    starts = [(None, *(values[i] for values in one.values.values())) for i in few]
     seconds = medians(
         {
             "lanes": partial(seconds_of, lambda: one.problem.ensemble(**one.values, **options, threads=1)),
@@ -106,7 +97,7 @@ def _row(name: str, one: Set, options: dict[str, Any], repeats: int) -> list[str
     return [name, f"{steps:.0f}", text.number(lanes), text.number(loop), f"{loop / lanes:.1f}"]
 
 
-def _event_row(name: str, one: Set, repeats: int) -> list[str]:
+def _event_row(name: str, one: Members, repeats: int) -> list[str]:
     g = far if np.ndim(one.problem.u0) == 0 else far_of_many
     event, ratios = {"far": eig3.Event(g)}, []
     for options in ({"h": 0.01}, {"rtol": _RTOL, "method": "rk8"}):
