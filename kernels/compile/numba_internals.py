@@ -87,7 +87,7 @@ def compile_for(function: Jitted, arguments: tuple) -> None:
 
 @functools.cache
 def _load_numbas_functions() -> None:
-    """Let Numba load what it can compile, in half the usual time, which is most of the time of a first run."""
+    """Let Numba load its functions in half the usual time. A first run from compiled code does little else."""
     linalg = importlib.import_module("numba.np.linalg")
     with (
         _replaced("loading", linalg, "ensure_blas", lambda usual: _find_scipy),
