@@ -1,5 +1,6 @@
 """`accuracy=`: the error that a run is asked for, against the true error, and what is said when it is not reached."""
 
+from itertools import count
 from threading import Event
 
 import numpy as np
@@ -27,6 +28,7 @@ HARDENING, FALLING_AWAY = (-1.0, -1.0, 0.0), (0.0, 1.0, 0.0)
 
 
 STARTS = np.linspace(1.0, 3.0, 20)
+FAST = 1e4  # the stiffness of motions that would take minutes
 
 
 def run(**options):
@@ -174,11 +176,40 @@ def test_chaos_is_the_reason():
     assert 20 < solution.reliable_until < 70
 
 
+def ticking(monkeypatch):
+    """Let each look at the clock take a second."""
+    clock = count()
+    monkeypatch.setattr(module, "perf_counter", lambda: float(next(clock)))
+
+
 def test_time_is_the_reason(monkeypatch):
     seen = runs_of(monkeypatch)
-    solution = run(accuracy=1e-9, method="eig3", max_seconds=1e-9)
+    ticking(monkeypatch)
+    solution = run(accuracy=1e-9, method="eig3", max_seconds=100)
     assert len(seen) == 1
-    assert "because the next run would exceed max_seconds = 1e-09" in solution.message
+    assert "because the next run would exceed max_seconds = 100" in solution.message
+
+
+def test_the_first_run_ends_in_time(monkeypatch):
+    """The whole run would take minutes. Its part can go on."""
+    ticking(monkeypatch)
+    options = {"accuracy": 1e-9, "max_seconds": 5, "save_every": None}
+    solution = eig3.integrate(spring, (0, 1e9), 3.0, 0.0, params=FAST, **options)
+    assert solution.status is Status.INTERRUPTED
+    assert 0 < solution.t[-1] < 1e9
+    assert solution.message == f"The run was interrupted after t = {solution.t[-1]:g}: max_seconds = 5 had passed."
+    assert solution.can_go_on
+
+
+def test_a_later_run_that_takes_too_long_leaves_the_best_run(monkeypatch):
+    seen = runs_of(monkeypatch)
+    monkeypatch.setattr(module, "perf_counter", lambda: 10.0 * len(seen))
+    monkeypatch.setattr(module._Search, "_may_run", lambda search, seconds: True)
+    solution = run(accuracy=1e-9, method="eig3", max_seconds=5)
+    assert len(seen) == 2
+    assert solution.status is Status.ACCURACY_NOT_REACHED
+    assert solution.h == seen[0]
+    assert "because the next run would exceed max_seconds = 5" in solution.message
 
 
 def test_a_run_that_fails_is_returned():
@@ -323,8 +354,27 @@ def test_bad_arguments_of_an_ensemble(given, words):
         ensemble(**{"accuracy": 1e-3, **given})
 
 
-def test_time_is_the_reason_in_an_ensemble():
-    solution = ensemble(cubic, params=HARDENING, t_end=2000, accuracy=1e-7, max_seconds=1e-6)
+@pytest.mark.parametrize(("most", "runs"), [(15, 1), (25, 2)])
+def test_time_is_the_reason_in_an_ensemble(monkeypatch, most, runs):
+    """The second run would end too late, or takes longer than the first."""
+    clock = [0.0, 10.0, 1000.0]
+
+    def errors(*given):
+        clock.pop(0)
+        return errors_of_members(*given)
+
+    monkeypatch.setattr(module, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr("eig3.ensembles.ensemble.errors_of_members", errors)
+    module._learned.clear()
+    solution = ensemble(cubic, params=HARDENING, t_end=2000, accuracy=1e-7, max_seconds=most)
+    assert len(clock) == 3 - runs
     assert (solution.status == Status.ACCURACY_NOT_REACHED).any()
     missed = np.argmax(solution.status == Status.ACCURACY_NOT_REACHED)
     assert "the next run would exceed max_seconds" in solution.message[missed]
+
+
+def test_the_first_run_of_an_ensemble_ends_in_time(monkeypatch):
+    ticking(monkeypatch)
+    solution = ensemble(t_end=1e9, params=FAST, accuracy=1e-9, max_seconds=5, save_every=None)
+    assert (solution.status == Status.INTERRUPTED).all()
+    assert all("max_seconds = 5 had passed" in message for message in solution.message)

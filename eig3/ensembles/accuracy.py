@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -18,6 +17,7 @@ from ..run.accuracy import (
     MOST_RUNS,
     MOST_STALLED,
     WITH_TOLERANCES,
+    Deadline,
     Goal,
     Known,
     check_accuracy_names,
@@ -25,6 +25,7 @@ from ..run.accuracy import (
     learned,
     why,
 )
+from ..stepping.march import Cancel
 from ..stepping.run_options import RunOptions
 from .solution import EnsembleSolution
 
@@ -39,12 +40,17 @@ def check_members_method(method: Any) -> Any:
 
 
 def reach_members(
-    goal: Goal, rhs: Any, options: RunOptions, run: Callable[[RunOptions], EnsembleSolution]
+    goal: Goal,
+    rhs: Any,
+    options: RunOptions,
+    run: Callable[[RunOptions, Cancel | None], EnsembleSolution],
+    cancel: Cancel | None,
 ) -> EnsembleSolution:
     """Return the first run in which all members reach an accuracy, or the best run.
 
-    In the best run, a member that does not reach it has the status ACCURACY_NOT_REACHED. After `cancel`, the last run
-    is returned, and members whose accuracy is not known have the status INTERRUPTED.
+    In the best run, a member that does not reach it has the status ACCURACY_NOT_REACHED. After `cancel`, or if the
+    first run takes more than `max_seconds`, the last run is returned, and members whose accuracy is not known have the
+    status INTERRUPTED.
 
     Parameters
     ----------
@@ -53,7 +59,7 @@ def reach_members(
     options : RunOptions
         With tolerances.
     run : callable
-        ``run(options)`` runs the ensemble with the check of errors.
+        ``run(options, cancel)`` runs the ensemble with the check of errors.
     """
     check_accuracy_names(goal, options)
     for name in () if options.save_every is None else (*options.functions.outputs, *options.first_order.names):
@@ -61,16 +67,24 @@ def reach_members(
             raise ValueError(f"accuracy of {name!r} in an ensemble needs t_eval, or save_every=None.")
     assert options.tolerances
     known, key = learned(rhs), ("ensemble", options.method, *sorted(goal.wanted.items()), goal.scale)
-    begin, rtol = time.perf_counter(), known[key].value if key in known else first_rtol(goal)
+    rtol, deadline = known[key].value if key in known else first_rtol(goal), Deadline(goal, cancel)
     best: tuple[tuple[int, float], EnsembleSolution, np.ndarray] | None = None
     stalled, reason = 0, f"{MOST_RUNS} runs were not enough"
     for _ in range(MOST_RUNS):
-        started = time.perf_counter()
-        solution = run(options._replace(tolerances=options.tolerances._replace(rtol=rtol)))
+        before = deadline.spent
+        solution = run(
+            options._replace(tolerances=options.tolerances._replace(rtol=rtol)),
+            deadline if goal.max_seconds < np.inf else cancel,
+        )
+        if solution.error.is_interrupted and best and deadline.has_passed:
+            reason = deadline.reason(0.0)
+            break
         misses = _misses(goal, solution)
         if solution.error.is_interrupted:
             for i in np.flatnonzero(misses > 1).tolist():
                 solution.status[i], solution.message[i] = Status.INTERRUPTED, _INTERRUPTED
+            for i in np.flatnonzero(solution.status == Status.INTERRUPTED).tolist():
+                solution.message[i] = deadline.explain(solution.message[i])
             return solution
         missing = misses[misses > 1]
         if not len(missing):
@@ -80,12 +94,11 @@ def reach_members(
         is_better = best is None or rank[0] < best[0][0] or rank[1] < LEAST_GAIN * best[0][1]
         stalled += not is_better
         best = (rank, solution, misses) if best is None or rank < best[0] else best
-        now = time.perf_counter()
         if stalled >= MOST_STALLED or rtol <= LEAST:
             reason = ""
             break
-        if 2 * now - started - begin > goal.max_seconds:
-            reason = f"the next run would exceed max_seconds = {goal.max_seconds:g}"
+        if late := deadline.reason(deadline.spent - before):
+            reason = late
             break
         rtol = max(LEAST, rtol * min(0.5, max(LARGEST_CHANGE, AIM / rank[1])))
     assert best

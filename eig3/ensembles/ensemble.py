@@ -192,7 +192,7 @@ def ensemble(
         in_files = {"save_to": save_to} if goal else {}
         check_members_repeatable(options, "accuracy" if goal else "check", executor=executor, reduce=reduce, **in_files)
 
-        def checked(options: RunOptions) -> EnsembleSolution:
+        def checked(options: RunOptions, cancel: Cancel | None) -> EnsembleSolution:
             if place is None:
                 solution = Run(rhs, members, options, own).march(progress, cancel)
             else:
@@ -203,7 +203,7 @@ def ensemble(
                 place.keep_error(solution)
             return solution
 
-        return reach_members(goal, rhs, options, checked) if goal else checked(options)
+        return reach_members(goal, rhs, options, checked, cancel) if goal else checked(options, cancel)
     if executor is None and reduce is None and save_to is None:
         return Run(rhs, members, options, own).march(progress, cancel)
     return run_in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)

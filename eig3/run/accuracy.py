@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping
+from time import perf_counter
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..functions.checks import check_method, check_span, reals, shown
+from ..functions.checks import check_cancel, check_method, check_span, reals, shown
 from ..functions.layout import unknown_name
 from ..kernels.compile.interrupt import keeping
 from ..methods import RK5, RK8, RKN12
 from ..result.error_estimate import ErrorEstimate
 from ..result.solution import Solution, Status
+from ..stepping.march import Cancel
 from ..stepping.run_options import RunOptions
 from ..stepping.tolerances import LEAST_RTOL
 from .chunks import IntegrationError, check_repeatable
@@ -97,6 +98,38 @@ def _values(solution: Solution, name: str) -> np.ndarray:
     return np.asarray((solution.outputs | solution.z).get(name, 1.0))
 
 
+class Deadline:
+    """A `cancel` for all runs to an accuracy, which is also set after `Goal.max_seconds`.
+
+    The time begins when a run first asks whether it is set: then the run has compiled its code.
+    """
+
+    def __init__(self, goal: Goal, cancel: Cancel | None) -> None:
+        self._seconds, self._cancel, self._begin = goal.max_seconds, check_cancel(cancel), math.inf
+
+    def is_set(self) -> bool:
+        self._begin = min(self._begin, perf_counter())
+        return self.has_passed or (self._cancel is not None and self._cancel.is_set())
+
+    @property
+    def spent(self) -> float:
+        return max(0.0, perf_counter() - self._begin)
+
+    @property
+    def has_passed(self) -> bool:
+        return self.spent > self._seconds
+
+    def reason(self, seconds: float) -> str:
+        """Return the reason why a run of this time cannot follow; an empty text if it can."""
+        return (
+            f"the next run would exceed max_seconds = {self._seconds:g}" if self.spent + seconds > self._seconds else ""
+        )
+
+    def explain(self, message: str) -> str:
+        """Return the message of an interrupted run, with the reason if the time has passed."""
+        return f"{message[:-1]}: max_seconds = {self._seconds:g} had passed." if self.has_passed else message
+
+
 def check_goal(accuracy: Any, scale: Any, max_seconds: Any) -> Goal:
     """Check the arguments of a run to an accuracy.
 
@@ -147,7 +180,7 @@ def reach(
 ) -> Solution:
     """Return the first run that reaches an accuracy, or the best run with the status ACCURACY_NOT_REACHED.
 
-    After `cancel`, the last run has the status INTERRUPTED.
+    After `cancel`, or if the first run takes more than `max_seconds`, the last run has the status INTERRUPTED.
 
     Parameters
     ----------
@@ -171,8 +204,10 @@ def reach(
     method = None if options.get("method") is None else check_method(options["method"])
     knob = "rtol" if method is None or isinstance(method, WITH_TOLERANCES) else "h"
     raises, key = bool(of_call.get("raise_on_failure")), (method, *sorted(goal.wanted.items()), goal.scale)
-    first, cancel = of_call | {"check": False, "raise_on_failure": False}, of_call.get("cancel")
-    known, search = learned(rhs), _Search(goal, knob)
+    deadline = Deadline(goal, of_call.get("cancel"))
+    cancel = deadline if goal.max_seconds < math.inf else of_call.get("cancel")
+    first = of_call | {"check": False, "raise_on_failure": False, "cancel": cancel}
+    known, search = learned(rhs), _Search(goal, knob, deadline)
     value, coarser, is_first = known.get(key) or (search.first(start[0]), search.coarser, True)
     while True:
         prepared = prepare(**{**options, knob: value})
@@ -188,8 +223,11 @@ def reach(
     if search.reached:
         known[key] = _to_remember(goal, solution, value, is_first)
         return solution
-    if search.runs and solution.status is not Status.INTERRUPTED:
+    is_late = solution.status is Status.INTERRUPTED and deadline.has_passed
+    if search.runs and (is_late or solution.status is not Status.INTERRUPTED):
         solution = search.best()
+    elif is_late:
+        solution.message = deadline.explain(solution.message)
     if raises:
         raise IntegrationError(solution)
     return solution
@@ -245,13 +283,12 @@ def check_accuracy_names(goal: Goal, options: RunOptions) -> None:
 class _Search:
     """The search for the step, or the tolerance, that reaches an accuracy."""
 
-    def __init__(self, goal: Goal, knob: str) -> None:
-        self.goal, self.knob = goal, knob
+    def __init__(self, goal: Goal, knob: str, deadline: Deadline) -> None:
+        self.goal, self.knob, self._deadline = goal, knob, deadline
         self.coarser = RATIO if knob == "rtol" else None  # a tolerance and the error of a run are about in proportion
         self.runs: list[tuple[float, Solution]] = []  # each error as a multiple of the wanted error, and the run
         self.reached, self._reason = False, f"{MOST_RUNS} runs were not enough"
-        self._count, self._stalled, self._begin = 0, 0, time.perf_counter()
-        self._before = self._begin
+        self._count, self._stalled, self._before = 0, 0, 0.0
 
     def first(self, span: Any) -> float:
         """Return the step, or the tolerance, of the first run."""
@@ -262,9 +299,10 @@ class _Search:
 
     def after(self, solution: Solution, value: float) -> float | None:
         """Return the step, or the tolerance, of the next run; None if there is none."""
-        now, self._count = time.perf_counter(), self._count + 1
+        now, self._count = self._deadline.spent, self._count + 1
         seconds, self._before = now - self._before, now
         if not solution.success:
+            self._reason = self._deadline.reason(0.0) or f"the next run had the status {solution.status.value}"
             is_unstable = self.knob == "h" and solution.status is Status.DIVERGED
             return value * _SHORTEN if is_unstable and self._may_run(seconds / _SHORTEN) else None
         miss = max(self.goal.misses(solution).values())
@@ -284,10 +322,9 @@ class _Search:
 
     def _may_run(self, seconds: float) -> bool:
         """Whether there may be a further run of this time."""
-        if time.perf_counter() - self._begin + seconds > self.goal.max_seconds:
-            self._reason = f"the next run would exceed max_seconds = {self.goal.max_seconds:g}"
-            return False
-        return self._count < MOST_RUNS
+        late = self._deadline.reason(seconds)
+        self._reason = late or self._reason
+        return not late and self._count < MOST_RUNS
 
     def best(self) -> Solution:
         """Return the run with the smallest error, with the reason why the accuracy is not reached."""
