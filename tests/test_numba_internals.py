@@ -211,6 +211,27 @@ def test_cycles_are_not_looked_for_while_functions_compile():
     assert gc.isenabled()
 
 
+def test_calls_of_the_compiler_find_room_for_their_frames():
+    """Elsewhere, a function that is called at the end of a block of frames gets a new page of memory in each call."""
+    resource = pytest.importorskip("resource", reason="Windows does not count page faults")
+
+    def called(a=0, b=1, c=2, d=3, e=4, f=5, g=6, h=7, i=8, j=9):
+        pass
+
+    def faults_at(depth):
+        if depth:
+            return faults_at(depth - 1)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        for _ in range(200):
+            called()
+        return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+    found = []
+    assert max(faults_at(depth) for depth in range(300)) >= 200
+    internals._in_one_block(lambda: found.extend(faults_at(depth) for depth in range(300)))
+    assert max(found) < 100
+
+
 def test_a_function_that_is_linked():
     with probe("A jitted function cannot have another class or another compiler, or is then not linked"):
         inner = internals.linked_jit(double, error_model="numpy")

@@ -3,8 +3,8 @@
 
 `fixed` is a template: the names in capitals stand for values that depend on the method and on the mode, and `jit.bound`
 inserts them. A kernel that looks for events, and for times at which the state is wanted, is `searching`. Steps in which
-nothing is found run in the loops of `march.py`; the step after which these stop is searched, see `search.py`. One that
-follows quantities is `following`, and one that looks for nothing is `plain`: they have no code for events.
+nothing is found run in the loop of `march.py`; the step after which it stops is searched, see `search.py`. One that
+follows quantities is `following`. One that looks for nothing is a single march: they have no code for events.
 
 A state has rows of n values also for one degree of freedom, where they are registers.
 """
@@ -26,13 +26,11 @@ from ..compile.numba_internals import has_wide_vectors, wide_vectors
 from ..lanes import evaluate_lanes, nothing_to_widen
 from ..protocol import (
     ANEW,
-    EVALUATIONS,
     FAILED,
     FULL,
     GOING,
     LOGGED,
     LOOK,
-    PART_END,
     PASSED,
     RESET,
     SCALAR,
@@ -52,7 +50,7 @@ from ..protocol import (
     vector_type,
 )
 from .follow import end_part, functions, inline_functions, no_history, no_projection, widen_all
-from .formulas import Formulas, nothing
+from .formulas import Formulas
 from .lane_search import LOOK_IN_LANES, is_full, search_lanes, searching_in_lanes
 from .march import FOUND, THROUGH, copy_two, march, settle
 from .pair import U_END, V_END, A
@@ -84,7 +82,15 @@ def fixed(callbacks, state, settings, counters, steps, look):
     if STACKED > 0:
         y = STACK_ROWS(N, OWN_ROWS)
         copy_rows(y, kept, N)
-    y, i, row, ended = ADVANCE(callbacks, f, c, y, n, state[OWN_ROWS:], counters, steps, look)
+    scratch = state[OWN_ROWS:]
+    if LOOKS == 0:
+        end = steps.first + steps.count
+        y, i, row, ended = MARCH(
+            f, y, c, n, scratch, steps, look, counters, None, steps.first, end, int64(START_STEPS), steps.row
+        )
+        ended = FAILED if ended == FAILED else GOING
+    else:
+        y, i, row, ended = ADVANCE(callbacks, f, c, y, n, scratch, counters, steps, look)
     if STACKED > 0:
         copy_rows(kept, y, N)
     else:
@@ -92,24 +98,12 @@ def fixed(callbacks, state, settings, counters, steps, look):
     return i - steps.first, row, ended
 
 
-def plain(callbacks, f, c, y, n, scratch, counters, steps, look):
-    """Take the steps of a run that looks for nothing. A loop over marches would slow down methods that move rows."""
-    first, last, row = steps.first, steps.first + steps.count, steps.row
-    begin = first
-    if START_STEPS > 0:
-        begin = max(first, min(last, START_STEPS))
-        y, _, row, _ = MARCH(START_STEP, nothing, f, y, (c, scratch), n, steps, look, counters, None, first, begin, row)
-    y, end, row, found = MARCH(STEP, COMPLETE, f, y, c, n, steps, look, counters, None, begin, last, row)
-    counters[EVALUATIONS] += START_COST * (begin - first) + COST * (end - begin)
-    return y, end, row, FAILED if found == FAILED else GOING
-
-
 def following(callbacks, f, c, y, n, scratch, counters, steps, look):
     """Take the steps, and follow quantities."""
     i, row, last, found = steps.first, steps.row, steps.first + steps.count, THROUGH
     pair = rows(look.watch.before, 2) if LOOKS == SEARCHES_LANES else None
     while i < last and found == THROUGH:
-        there, i, row, found = MARCHES(f, c, y, n, scratch, counters, steps, look, pair, i, last, START_STEPS, row)
+        there, i, row, found = MARCH(f, y, c, n, scratch, steps, look, counters, pair, i, last, int64(START_STEPS), row)
         if STACKED == 0:  # see `march`
             y = there
         end_part(look.follow, counters, i, n, y[1])
@@ -129,7 +123,7 @@ def searching(callbacks, f, c, y, n, scratch, counters, steps, look):
             i, found = i + 1, FOUND
         else:
             started = int64(counters[ANEW]) + START_STEPS
-            there, i, row, found = MARCHES(f, c, y, n, scratch, counters, steps, look, pair, i, last, started, row)
+            there, i, row, found = MARCH(f, y, c, n, scratch, steps, look, counters, pair, i, last, started, row)
             if STACKED == 0:
                 y = there
         if found == FAILED:
@@ -149,24 +143,6 @@ def searching(callbacks, f, c, y, n, scratch, counters, steps, look):
                 i -= 1
         end_part(follow, counters, i, n, y[1])
     return y, i, row, ended
-
-
-def marches(f, c, y, n, scratch, counters, steps, look, pair, first, last, started, row):
-    """Advance the rows `y` from step `first` towards `last`, to the end of a part of the run or of the starter at most.
-
-    The starter takes the steps before step `started`. Returns what a march returns.
-    """
-    end = min(last, int64(counters[PART_END])) if len(look.follow.table) > 0 else last
-    if START_STEPS > 0 and first < started:
-        with_scratch, end = (c, scratch), min(end, started)
-        y, i, row, found = MARCH(
-            START_STEP, nothing, f, y, with_scratch, n, steps, look, counters, pair, first, end, row
-        )
-        counters[EVALUATIONS] += START_COST * (i - first)
-    else:
-        y, i, row, found = MARCH(STEP, COMPLETE, f, y, c, n, steps, look, counters, pair, first, end, row)
-        counters[EVALUATIONS] += COST * (i - first)
-    return y, i, row, found
 
 
 def stack_step(f, at, y, c, n):
@@ -293,9 +269,7 @@ def _compile(
     if looks == SEARCHES:
         names |= {**search_names(method, order, form), "IS_QUIET": quiet(form)}
     names["MARCH"] = element(bound(march, names))
-    names["MARCHES"] = element(bound(marches, names))
-    advance = {0: plain, SEARCHES: searching}.get(looks, following)
-    names["ADVANCE"] = element(bound(advance, names))
+    names["ADVANCE"] = element(bound(searching if looks == SEARCHES else following, names))
     records = STEPS, {0: none, SEARCHES_LANES: LOOK_IN_LANES}.get(looks, LOOK)
     signature = UniTuple(int64, 3)(callbacks, matrix_type, vector_type, vector_type, *records)
     return compile_kernel(fixed, names, signature, label)

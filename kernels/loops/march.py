@@ -18,7 +18,20 @@ import numba
 from numba.types import int64
 
 from ..compile.jit import element
-from ..protocol import DUE, FAILED, NEXT, PART, PARTS, SEARCHES, SEARCHES_LANES, SPACING, At, row_index
+from ..protocol import (
+    DUE,
+    EVALUATIONS,
+    FAILED,
+    NEXT,
+    PART,
+    PART_END,
+    PARTS,
+    SEARCHES,
+    SEARCHES_LANES,
+    SPACING,
+    At,
+    row_index,
+)
 from .follow import acts_at_each, next_due, only_quantity, save, widen_only
 from .pair import U_END, V_END, U, V
 
@@ -29,13 +42,16 @@ THROUGH, FOUND = range(2)
 CHECKED = bool(numba.config.BOUNDSCHECK)
 
 
-def march(step, complete, f, y, c, n, steps, look, counters, pair, first, last, row):
-    """Advance the rows `y` from step `first` to `last`, or until a step must be searched.
+def march(f, y, c, n, scratch, steps, look, counters, pair, first, last, started, row):
+    """Advance the rows `y` from step `first` to `last`, to the end of a part, or until a step must be searched.
 
-    A step may return the rows in another order. Return the last `y`, the step index that was reached, the next row of
-    `steps.u_rows` to write, and how the march ended. If a step is found, u and v before it are in `pair`, and the state
-    after it is not written. In lanes, steps are searched here, and FOUND means that the log is full.
+    The starter takes the steps before step `started`. A step may return the rows in another order. Return the last `y`,
+    the step index that was reached, the next row of `steps.u_rows` to write, and how the march ended. If a step is
+    found, u and v before it are in `pair`, and the state after it is not written. In lanes, steps are searched here,
+    and FOUND means that the log is full.
     """
+    if LOOKS > 0 and len(look.follow.table) > 0:
+        last = min(last, int64(counters[PART_END]))
     left = steps.every - first % steps.every
     if LOOKS > 0:
         part = int64(counters[PART]) % PARTS
@@ -44,15 +60,18 @@ def march(step, complete, f, y, c, n, steps, look, counters, pair, first, last, 
         quantity = QUANTITY(look.follow)
         e, low, high, t_low, t_high = math.nan, math.inf, -math.inf, math.nan, math.nan
     if LOOKS > 0:
-        due, spacing, follow, is_complete = counters[DUE], counters[SPACING], look.follow, True
+        due, spacing, follow = counters[DUE], counters[SPACING], look.follow
         looks_at_each = LOOKS >= SEARCHES or acts_at_each(follow)
     if LOOKS == SEARCHES:
         wanted = next_time(look.watch, counters)
-    i, t, ended = first, steps.t0 + first * steps.h, THROUGH
+    i, t, ended, is_complete = first, steps.t0 + first * steps.h, THROUGH, True
     while i < last:
         if LOOKS >= SEARCHES:
             copy_two(pair[U], pair[V], y[0], y[1], n)
-        y_next, success = step(f, At(i, t, steps.h, steps.p), y, c, n)
+        if START_STEPS > 0 and i < started:
+            y_next, success = START_STEP(f, At(i, t, steps.h, steps.p), y, (c, scratch), n)
+        else:
+            y_next, success = STEP(f, At(i, t, steps.h, steps.p), y, c, n)
         if not success:
             ended = FAILED
             break
@@ -60,10 +79,11 @@ def march(step, complete, f, y, c, n, steps, look, counters, pair, first, last, 
             y = y_next
         i += 1
         t = steps.t0 + i * steps.h
-        if LOOKS > 0:
-            is_complete = looks_at_each or i >= due
-        if LOOKS > 0 and is_complete:
-            complete(y, c, steps.h, n)
+        is_complete = START_STEPS > 0 and i <= started
+        if LOOKS > 0 and (looks_at_each or i >= due):
+            if not is_complete:
+                COMPLETE(y, c, steps.h, n)
+                is_complete = True
             if STACKED == 0:
                 PROJECT_STEP(follow, t, y[0], y[1], steps.p)
             if LOOKS == SEARCHES:
@@ -97,10 +117,8 @@ def march(step, complete, f, y, c, n, steps, look, counters, pair, first, last, 
                 ADVANCE_HISTORY(follow, t, y[0], y[1], steps.p)
         left -= 1
         if left == 0:
-            if LOOKS == 0:
-                complete(y, c, steps.h, n)
-            elif not is_complete:
-                complete(y, c, steps.h, n)
+            if not is_complete:
+                COMPLETE(y, c, steps.h, n)
                 is_complete = True
             write(y[0], y[1], n, steps, row)
             if LOOKS > 0 and looks_at_each:
@@ -114,15 +132,15 @@ def march(step, complete, f, y, c, n, steps, look, counters, pair, first, last, 
             break
     if LOOKS > 0:
         counters[DUE] = due
-        if not is_complete:
-            complete(y, c, steps.h, n)
     if LOOKS > 0 and MAY_BE_ONLY > 0 and is_only:
         follow.out[place] = e
         if low <= high:
             widen_only(follow, part, low, t_low)
             widen_only(follow, part, high, t_high)
-    if LOOKS == 0 and ended == THROUGH and last > first:  # otherwise the last step may be one of the starter
-        complete(y, c, steps.h, n)
+    if not is_complete and (LOOKS > 0 or ended == THROUGH):
+        COMPLETE(y, c, steps.h, n)
+    by_starter = max(0, min(i, started) - first)
+    counters[EVALUATIONS] += START_COST * by_starter + COST * (i - first - by_starter)
     return y, i, row, ended
 
 
