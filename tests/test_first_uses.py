@@ -27,19 +27,19 @@ eig3.integrate(pendulum, (0, 10), 1.0, 0.0, h=0.01, params=[9.81], inline=True)
 
 #: The program of each first use, and the largest number of functions that it compiles.
 USES = {
-    "README, a first run": (_README[0], 13),
-    "README, outputs": (_HEAD + _README[1], 42),
-    "README, a problem": (_HEAD + _README[2], 16),
+    "README, a first run": (_README[0], 12),
+    "README, outputs": (_HEAD + _README[1], 38),
+    "README, a problem": (_HEAD + _README[2], 15),
     "README, an event": (_HEAD + _ORBIT + _README[3], 81),
-    "README, a scene": (_HEAD + _README[4], 52),
-    "README, an ensemble": (_OSCILLATOR + _README[5], 24),
-    "README, a run in files": (_OSCILLATOR + _README[6], 14),
-    "a scene with contacts": (_HEAD + "eig3.problems.sand_column().integrate(h=1e-4, t_end=1e-3, invariants={})", 125),
+    "README, a scene": (_HEAD + _README[4], 50),
+    "README, an ensemble": (_OSCILLATOR + _README[5], 21),
+    "README, a run in files": (_OSCILLATOR + _README[6], 13),
+    "a scene with contacts": (_HEAD + "eig3.problems.sand_column().integrate(h=1e-4, t_end=1e-3, invariants={})", 107),
     "an ensemble with tolerances": (
         _HEAD + "eig3.problems.duffing().ensemble(u0=np.linspace(1, 2, 32), rtol=1e-6)",
         57,
     ),
-    "inline=True": (_HEAD + _INLINE, 16),
+    "inline=True": (_HEAD + _INLINE, 15),
 }
 _COUNTED = """
 import runpy, sys

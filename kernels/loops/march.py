@@ -50,8 +50,8 @@ def march(f, y, c, n, scratch, steps, look, counters, pair, first, last, started
     found, u and v before it are in `pair`, and the state after it is not written. In lanes, steps are searched here,
     and FOUND means that the log is full.
     """
-    if LOOKS > 0 and len(look.follow.table) > 0:
-        last = min(last, int64(counters[PART_END]))
+    if LOOKS > 0 and len(look.follow.table) > 0 and counters[PART_END] < last:  # `min` would be a further function
+        last = int64(counters[PART_END])
     left = steps.every - first % steps.every
     if LOOKS > 0:
         part = int64(counters[PART]) % PARTS
@@ -139,8 +139,9 @@ def march(f, y, c, n, scratch, steps, look, counters, pair, first, last, started
             widen_only(follow, part, high, t_high)
     if not is_complete and (LOOKS > 0 or ended == THROUGH):
         COMPLETE(y, c, steps.h, n)
-    by_starter = max(0, min(i, started) - first)
-    counters[EVALUATIONS] += START_COST * by_starter + COST * (i - first - by_starter)
+    counters[EVALUATIONS] += COST * (i - first)
+    if START_STEPS > 0 and first < started:
+        counters[EVALUATIONS] += (START_COST - COST) * ((i if i < started else started) - first)
     return y, i, row, ended
 
 
