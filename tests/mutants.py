@@ -62,6 +62,11 @@ MUTANTS = {
         ("            firsts[title] += effect.state_size * size\n", ""),
     ],
     # Kernels
+    ("kernels/loops/march.py", "test_starter.py tests/test_look.py"): [
+        ("START_STEPS > 0 and i < started:", "START_STEPS > 0 and i <= started:"),
+        ("(START_COST - COST) * ((i if i < started else started) - first)", "(START_COST - COST) * (i - first)"),
+        ("counters[PART_END] < last:", "counters[PART_END] < 0:"),
+    ],
     ("kernels/neighbours.py", "test_neighbours.py -k half_of_its_skin"): [
         ("+ skin)) / 2", "+ skin)) / 1.6"),
         ("+ skin)) / 2", "+ skin)) / 2.2"),
@@ -341,6 +346,12 @@ EQUIVALENT = [
         "np.ones((count, lanes)),\n            np.ones",
         "np.zeros((count, lanes)),\n            np.ones",
         "a member that begins in a lane sets its sides",
+    ),
+    (
+        "kernels/loops/march.py",
+        "is_complete = START_STEPS > 0 and i <= started",
+        "is_complete = False",
+        "in a step of the starter, the velocity and the mean velocity give each other, to round-off",
     ),
     ("kernels/neighbours.py", "limit >= 0 and", "limit > 0 and", "a new list has the forces of the old one"),
     ("kernels/neighbours.py", "BATCH = 192", "BATCH = 96", "a pair has the same bits at each place of a batch"),

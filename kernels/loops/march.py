@@ -79,7 +79,7 @@ def march(f, y, c, n, scratch, steps, look, counters, pair, first, last, started
             y = y_next
         i += 1
         t = steps.t0 + i * steps.h
-        is_complete = START_STEPS > 0 and i <= started
+        is_complete = START_STEPS > 0 and i <= started  # the starter gives the velocity
         if LOOKS > 0 and (looks_at_each or i >= due):
             if not is_complete:
                 COMPLETE(y, c, steps.h, n)
