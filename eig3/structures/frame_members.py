@@ -58,10 +58,11 @@ class Section:
     J: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, least in (("E", True), ("A", True), ("I", False), ("density", False), ("G", False), ("J", False)):
-            value = reals(getattr(self, name), name)
+        for name in ("E", "A", "I", "density", "I_side", "G", "J"):
+            least, given = name in "EA", getattr(self, name)
+            value = reals(self.I if name == "I_side" and given is None else given, name)
             if value.shape != () or not np.isfinite(value) or value < 0 or (least and value == 0):
-                raise ValueError(f"{name} must be a {'positive' if least else 'finite'} number, not {value}.")
+                raise ValueError(f"{name} must be a {'positive number' if least else 'number of at least 0'}, not {value}.")
 
     @property
     def is_bar(self) -> bool:

@@ -10,12 +10,16 @@ from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, reals
 from ..problem import Problem
+from .loads import check_together
 from .matrices import Mass
 from .modes import Modes, modes_of
 
 
 class Structure(Problem):
     """A problem of `eig3.linear`: M u'' + C u' + K u = f."""
+
+    def _check_params(self, params: Any) -> None:
+        check_together(params._asdict(), np.size(self.u0))
 
     def modes(self, count: int, *, influence: ArrayLike | None = None) -> Modes:
         """Return the lowest natural modes without damping.
