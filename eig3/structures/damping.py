@@ -49,7 +49,10 @@ class Rayleigh:
         xi = reals(self.xi, "xi")
         if xi.shape not in ((), (2,)) or not (np.isfinite(xi).all() and (xi >= 0).all()):
             raise ValueError(f"xi must be a damping ratio of at least 0, or a pair of them, not {self.xi!r}.")
-        if [x is None for x in (self.modes, self.omega1, self.omega2)] not in ([True, False, False], [False, True, True]):
+        if [x is None for x in (self.modes, self.omega1, self.omega2)] not in (
+            [True, False, False],
+            [False, True, True],
+        ):
             raise TypeError("Rayleigh takes two frequencies, omega1 and omega2, or modes=(i, j).")
         if self.modes is not None:
             if np.shape(self.modes) != (2,) or len({check_count(mode, "a mode") for mode in self.modes}) != 2:

@@ -119,7 +119,9 @@ class Frame:
         if not free <= {"start", "end"}:
             raise ValueError(f'releases must be some of "start" and "end", not {shown(releases)}.')
         if not isinstance(hinges, Mapping | None):
-            raise TypeError(f'hinges must be a dictionary such as {{"start": ElasticPlastic(...)}}, not {shown(hinges)}.')
+            raise TypeError(
+                f'hinges must be a dictionary such as {{"start": ElasticPlastic(...)}}, not {shown(hinges)}.'
+            )
         ends = self._check_hinges({} if hinges is None else dict(hinges), free, section)
         member = Member(section, self._place(start), self._place(end), free, _direction(up))
         if member.length == 0:
@@ -276,7 +278,9 @@ class Frame:
                 options["damping"] = options["damping"].of(check_mass(closed[1], None), closed[2])
         if ground is not None:
             if not isinstance(ground, tuple | list) or len(ground) != 2:
-                raise TypeError("ground of a frame must be (times, accelerations): its influence follows from direction.")
+                raise TypeError(
+                    "ground of a frame must be (times, accelerations): its influence follows from direction."
+                )
             options["ground"] = *ground, self._influence(names, direction)
         units = tuple(_UNITS[name.rpartition(".")[2][0]] for name in names)
         C = None

@@ -62,7 +62,9 @@ class Section:
             least, given = name in "EA", getattr(self, name)
             value = reals(self.I if name == "I_side" and given is None else given, name)
             if value.shape != () or not np.isfinite(value) or value < 0 or (least and value == 0):
-                raise ValueError(f"{name} must be a {'positive number' if least else 'number of at least 0'}, not {value}.")
+                raise ValueError(
+                    f"{name} must be a {'positive number' if least else 'number of at least 0'}, not {value}."
+                )
 
     @property
     def is_bar(self) -> bool:
