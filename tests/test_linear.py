@@ -142,6 +142,16 @@ test_modes_that_are_refused = refusals(
         r"modes must be two different modes.*1, 2, 3": lambda: eig3.Rayleigh(0.1, modes=(1, 2, 3)),
         "a mode must be": lambda: eig3.Rayleigh(0.1, modes=(0, 2)),
         "coefficients depend on the structure": lambda: eig3.Rayleigh(0.1, modes=(1, 2)).coefficients,
+        "K must have no negative eigenvalue: a mode has": lambda: eig3.linear([1.0], K=[[-4.0]], t_span=(0, 1)).modes(
+            1
+        ),
+        "K must have no negative eigenvalue: a mode": lambda: eig3.linear([1.0], K=[[-4.0]], t_span=(0, 1)).exact(1.0),
+        "xi gives the mode of .* rad/s a negative damping": lambda: made_of(
+            {"damping": eig3.Rayleigh((0.3, 0.01), 0.5, 1.0)}
+        )(),
+        "xi gives the mode of .* a negative damping ratio": lambda: made_of(
+            {"damping": eig3.Rayleigh((0.01, 0.3), 5.0, 6.0)}
+        )(),
         "modes need K": lambda: eig3.linear([1.0, 1.0], t_span=(0, 1)).modes(1),
         "influence must be 6 finite numbers": with_a_short_influence,
     },
