@@ -355,6 +355,17 @@ test_changed_parameters = refusals(
 )
 
 
+@pytest.mark.parametrize("given", [{"rtol": 1e-6}, {"accuracy": 1e-4}])
+def test_no_step_jumps_over_a_blow(given):
+    """The record is padded with zeros. Between blows the motion is smooth: the steps were a hundred times as long as a
+    blow, and the error as large as the motion."""
+    blow = [0.0, 5.0, 5.0025, 5.005, 20.0], [0.0, 0.0, 1e3, 0.0, 0.0]
+    problem = eig3.linear([1.0], None, [[1.0]], force=blow, t_span=(0, 20), u0=1.0)
+    run = problem.integrate(**given)
+    assert run.u[-1] == pytest.approx(problem.exact(20.0)[0][0], rel=0, abs=1e-4)
+    assert problem.integrate(rtol=1e-6, h_max=20.0).n_steps < 100
+
+
 def test_each_member_must_load_a_degree_of_freedom():
     """A number beyond them would be written to other memory."""
     with pytest.raises(ValueError, match="the degrees of force must be whole numbers from 0 to 5"):

@@ -76,6 +76,18 @@ def check_together(has: dict[str, Any], n: int) -> None:
             raise ValueError(f"params[{name!r}] must have a value for each of {count} links, not {len(values)}.")
 
 
+def shortest_load(has: dict[str, Any]) -> float:
+    """Return the duration of the shortest part of the records that is not zero; infinite without a record."""
+    durations = [np.inf]
+    for name, record in (("ground_times", "ground"), ("force_times", "forces")):
+        if name in has:
+            t, acts = has[name], np.any(np.reshape(has[record], (len(has[name]), -1)), axis=1)
+            changes = np.flatnonzero(np.diff(acts, prepend=False, append=False))
+            first, last = np.maximum(changes[::2] - 1, 0), np.minimum(changes[1::2], len(t) - 1)
+            durations += (t[last] - t[first]).tolist()
+    return min(durations)
+
+
 def _record(given: Any, name: str, wanted: str) -> tuple:
     """Return the times and the values of a record as arrays, and further entries unchanged."""
     if not (isinstance(given, tuple | list) and len(given) in (2, 3)):
