@@ -133,7 +133,7 @@ def mast():
     frame = Frame(3)
     for name, place in {"a": (0, 0, 0), "b": (0, 0, 3), "c": (2, 0, 3), "d": (2, 1.5, 3)}.items():
         frame.node(name, *place)
-    for start, end, up in (("a", "b", (0, 1, 0)), ("b", "c", (0, 0, 1)), ("c", "d", (0, 0, 1))):
+    for start, end, up in (("a", "b", (0, 1, 0)), ("b", "c", (1, 0, 0)), ("c", "d", (0, 0, 1))):  # b to c uses z
         frame.member(start, end, section, up=up)
     frame.support("a")
     for name in "bcd":

@@ -106,7 +106,8 @@ class Frame:
             directions, such as ``{"start": {"ry": law}}``, which are the axes of the frame and not of the member: for a
             column along z, "rz" is torsion. In these directions alone, the end rotates by itself.
         up : sequence of float, shape (3,)
-            In space: a direction in the plane in which the section bends with I. A member along `up` uses x instead.
+            In space: a direction in the plane in which the section bends with I. A member along `up` uses x instead,
+            or z if it is along x.
 
         Raises
         ------

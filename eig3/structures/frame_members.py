@@ -120,7 +120,8 @@ class Member:
     def axes(self) -> np.ndarray:
         """The local axes of the member in space, with x along the member, shape (3, 3)."""
         x = (self.end - self.start) / self.length
-        up = self.up if abs(x @ self.up) < _ALONG else np.array([1.0, 0.0, 0.0])
+        other = [1.0, 0.0, 0.0] if abs(x[0]) < _ALONG else [0.0, 0.0, 1.0]
+        up = self.up if abs(x @ self.up) < _ALONG else np.array(other)
         y = up - (up @ x) * x
         y /= np.linalg.norm(y)
         return np.array([x, y, np.cross(x, y)])
