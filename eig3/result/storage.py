@@ -130,7 +130,7 @@ def _put(target: Path, record: Mapping[str, Any], arrays: dict[str, np.ndarray],
     """Write a record and its arrays to a file, as `write` describes."""
     arrays[_RECORD] = np.array(json.dumps(record))
     if not target.parent.is_dir():
-        raise FileNotFoundError(f"the directory {target.parent} of {target.name} does not exist: make it first.")
+        raise FileNotFoundError(f"No such file or directory: make the folder {target.parent} for {target.name} first.")
     temporary = target.with_name(f".{uuid.uuid4().hex}.part")
     try:
         with temporary.open("xb") as stream:
