@@ -103,7 +103,7 @@ class ElasticPlastic(Link):
 
     Formula: tension = stiffness (r - rest_length - s), but within hardening stiffness (r - rest_length) plus and minus
     (1 - hardening) yield_force; r is the distance of the ends. s is the plastic stretch, m, which is set where the rate
-    of r changes its sign while the link yields.
+    of r changes its sign while the link yields, and at the start if the link is released at rest beyond its yield.
 
     This hardening is kinematic: the elastic range moves and keeps its size. If isotropic is not 0, the state has two
     numbers, s and the accumulated plastic stretch p. With H = hardening stiffness / (1 - hardening), the tension minus
