@@ -24,7 +24,7 @@ def tension_within(r, state, stiffness, yield_force, hardening, rest_length):
 
 @element
 def falling(rate):
-    """The negative of a rate. At rest it is negative too: a link that is released beyond its yield turns at the start."""
+    """The negative of a rate, which is negative at rest too: a link that is released beyond its yield then turns."""
     return -rate if rate != 0.0 else -_AT_REST
 
 
