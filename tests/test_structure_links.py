@@ -217,9 +217,9 @@ def test_a_mass_that_is_released_beyond_yield_unloads_elastically(law, lowest, s
     """As in a test in which a structure is pulled and let go: without a turn at the start, the link would return along
     its backbone curve, and give back what it has absorbed."""
     problem = eig3.linear([1.0], links=[(law, None, 0)], u0=0.05 * side, t_span=(0, 1))
-    u = side * problem.integrate(rtol=1e-8).u[:, 0]
+    u = side * problem.integrate(h=1e-3).u[:, 0]
     assert u.max() <= 0.05
-    assert u.min() == pytest.approx(lowest, abs=1e-4)  # between the steps
+    assert u.min() == pytest.approx(lowest, abs=1e-5)  # (omega h)^2 = 1e-4 of the amplitude of 0.03
 
 
 def test_backbone_curves_of_each_link():
