@@ -95,7 +95,9 @@ class FileOfMechanism:
         if not callable(control):
             limits[:] = np.clip(float(reals(control, "control")), *limits)
         elif not hasattr(control, "py_func") or arguments(control) not in (("t",), ("t", "q", "rate")):
-            raise TypeError("control must be a number, or a jitted function of t, or of t, q and rate.")
+            raise TypeError(
+                "control must be a number, or a jitted function of t, or of t, q and rate, with these names."
+            )
         self._driven.add(motor)
         law = JointMotor(control if callable(control) else _steady, found.gear, *limits.tolist())
         _add_law(self._table, self._moving, found.body, found.joint, law)

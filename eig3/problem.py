@@ -16,7 +16,7 @@ from .animation import Curves
 from .animation.animate import View, animate
 from .diagnosis.critical import CriticalStep, critical_step, of_encounters, with_encounters
 from .ensembles.ensemble import ensemble
-from .ensembles.named_members import of_members
+from .ensembles.named_members import OfMembers, of_members
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import check_callback, reads_velocity
 from .functions.checks import check_method, check_params, check_span, check_state, reals
@@ -178,6 +178,17 @@ class Problem:
             own["events"] = params.layout.bind_all(own["events"])
         for name, value in own.items():
             object.__setattr__(self, name, value)  # the dataclass is frozen
+        self._check_params(own["params"])
+
+    def _check_params(self, params: Any) -> None:
+        """Check parameters that belong together, in a kind of problems that has them."""
+
+    def _check_members(self, params: OfMembers) -> None:
+        """Check the parameters of the first member, or of all members if they have different whole numbers."""
+        layout = self.params.layout
+        is_whole = any(layout.kinds[layout.names.index(name)].is_whole for name in params.own)
+        for p in params.flat[: None if is_whole else 1]:
+            self._check_params(layout.read(p))
 
     @property
     def _layout(self) -> Layout | None:
@@ -377,6 +388,7 @@ class Problem:
         span = self.t_span[0], self.t_span[1] if t_end is None else t_end
         if self._layout:
             params = of_members({} if params is None else params, self.params)
+            self._check_members(params)
         elif params is None:
             params = check_params(self.params)
             given: Any = (self.u0, u0), (self.v0, v0), (0.0, 0.0 if h is None else h)

@@ -432,14 +432,20 @@ BAD_VALUES = {
     "angular_velocity of a body in 2 dimensions must be a number": lambda: in_plane(angular_velocity=(1.0, 0.0, 0.0)),
     "a rigid body needs a scene of 2 or 3 dimensions": lambda: Scene(1).body(1.0, 1.0, 0.0),
     "periodic box has no rigid bodies": lambda: Scene(2, box=(1.0, 1.0)).body(1.0, 1.0, (0.0, 0.0)),
-    "a place in a body needs 2 components": lambda: in_plane().point((1.0, 2.0, 3.0)),
+    "place must have 2 finite components": lambda: in_plane().point((1.0, 2.0, 3.0)),
     "direction must not be zero": lambda: in_plane().prismatic(None, (0.0, 0.0), (0.0, 0.0)),
     "other must be another body, or None for the ground": lambda: joined_to_itself("revolute", (1.0, 0.0)),
     "other must be another body, or None": lambda: joined_to_itself("friction", 1.0),
     "axis of a revolute joint is for scenes of 3 dimensions": lambda: in_plane().revolute(
         None, (1.0, 0.0), (0.0, 0.0, 1.0)
     ),
-    "axis must have 3 components, not the shape": lambda: in_space().revolute(None, (0.0, 0.0, 0.0), (0.0, 1.0)),
+    "rotation of a body in 2 dimensions": lambda: in_plane(rotation=Rotation.identity()),
+    "rotation of a body in 3 dimensions": lambda: in_space(rotation=(np.nan, 0.0, 0.0, 1.0)),
+    "velocity of a body must be 2 numbers": lambda: in_plane(velocity=(1.0, 0.0, 0.0)),
+    "position must have 2 finite components": lambda: in_plane().revolute(None, (0.0, 0.0, 0.0)),
+    "position must have 2 finite components, not": lambda: in_plane().revolute(None, np.zeros((2, 2))),
+    "direction must have 2 finite components": lambda: in_plane().prismatic(None, (0.0, 0.0), (0.0, np.nan)),
+    "axis must have 3 finite components": lambda: in_space().revolute(None, (0.0, 0.0, 0.0), (0.0, 1.0)),
     "cannot have masses with an inertia: add them with scene.body": beside_a_rolling_mass,
     "Gravity acts on masses, and a point of a rigid body has none": lambda: adding(
         effects.Gravity((0.0, -G)), lambda body: body.point((1.0, 0.0))

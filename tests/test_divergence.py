@@ -471,6 +471,20 @@ def test_the_step_that_is_named_is_shorter_than_the_one_that_failed():
     assert said(r"; h = ([\d.e-]+) was tried and is stable", run.explain()) < 1e-3
 
 
+@eig3.jit
+def pushed_from_rest(t, u, v, p):
+    return 1e-20 * math.exp(30 * t) - 1e4 * ((u + 10) - 10)
+
+
+def test_a_small_motion_from_rest_that_a_force_makes_grow_is_stable():
+    """The sum u + 10 rounds off the differences for the critical step, which are of 1e-19 at the end: the step of 0.01
+    is half of the true critical step 2 / omega = 0.02."""
+    run = eig3.integrate(pushed_from_rest, (0, 1), 0.0, 0.0, h=0.01)
+    assert run.success
+    particular = 1e-20 * math.exp(30) / (30**2 + 1e4)
+    assert run.u[-1] == pytest.approx(particular, rel=0.02)  # of order (omega h)^2 / 24 = 4 %, in its response
+
+
 def test_the_reason_does_not_depend_on_the_chunks_of_the_run():
     """The length of chunks depends on the speed of the machine, and on whether the time per step is known."""
     problem = problems.double_pendulum()

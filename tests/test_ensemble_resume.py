@@ -247,6 +247,20 @@ def test_what_resume_needs(tmp_path):
         loaded.resume(threads=0)
 
 
+def test_an_ensemble_goes_on_in_its_directory_from_another_one(tmp_path, started, monkeypatch):
+    """The paths are relative to the directory at the start."""
+    monkeypatch.chdir(tmp_path)
+    cancelled = run(save_to="runs", threads=1, cancel=After(9))
+    loaded = eig3.load("runs", rhs=oscillator, **FUNCTIONS)
+    (tmp_path / "other").mkdir()
+    monkeypatch.chdir(tmp_path / "other")
+    assert loaded.resume().success.all()
+    started.clear()
+    assert cancelled.resume().success.all()
+    assert not started
+    assert not any(Path.cwd().iterdir())
+
+
 def test_a_damaged_part_runs_again(tmp_path, started):
     whole = run(save_to=tmp_path)
     path = tmp_path / "part-000000000128.npz"

@@ -6,6 +6,7 @@ import scipy.sparse.linalg
 from scipy.spatial.transform import Rotation
 
 import eig3
+from eig3.effects import ElasticPlastic
 from eig3.structures import Frame, Section
 from eig3.structures.matrices import check_mass
 from eig3.structures.modes import natural_modes
@@ -132,7 +133,7 @@ def mast():
     frame = Frame(3)
     for name, place in {"a": (0, 0, 0), "b": (0, 0, 3), "c": (2, 0, 3), "d": (2, 1.5, 3)}.items():
         frame.node(name, *place)
-    for start, end, up in (("a", "b", (0, 1, 0)), ("b", "c", (0, 0, 1)), ("c", "d", (0, 0, 1))):
+    for start, end, up in (("a", "b", (0, 1, 0)), ("b", "c", (1, 0, 0)), ("c", "d", (0, 0, 1))):  # b to c uses z
         frame.member(start, end, section, up=up)
     frame.support("a")
     for name in "bcd":
@@ -463,7 +464,9 @@ BAD_VALUES = {
     "the ground has no rz": lambda: portal().modes(1, "rz"),
     "modes must be at most the": lambda: portal().modes(1000),
     "E must be a positive number": lambda: Section(0.0, 1.0),
-    "I must be a finite number": lambda: Section(1.0, 1.0, -1.0),
+    "I must be a number of at least 0": lambda: Section(1.0, 1.0, -1.0),
+    "I_side must be a number of at least 0": lambda: Section(1.0, 1.0, 1.0, I_side=-1.0),
+    'releases must be some of "start" and': lambda: portal().member("a", "b", SECTION, releases=True),
     "the ground has no uz: did you mean": lambda: portal().problem((0, 1), ground=([0, 1], [0, 1]), direction="uz"),
     r"corotational members in space need all rotations of b fixed, or none\.$": lambda: crane("ry").problem(
         (0, 1), corotational=True
@@ -472,6 +475,12 @@ BAD_VALUES = {
 }
 BAD_TYPES = {
     "the name of a node must be a text without a point": lambda: portal().node("c.d", 1.0, 0.0),
+    "directions must be a text": lambda: portal().support("b", ["ux"]),
+    "hinges must be a dictionary": lambda: portal().member("a", "b", SECTION, hinges=ElasticPlastic(1.0, 1.0)),
+    "C of a frame comes from its nodes and members": lambda: portal().problem((0, 1), C=np.eye(3)),
+    r"ground of a frame must be \(times, accelerations\)": lambda: portal().problem(
+        (0, 1), ground=([0, 1], [0, 1], np.ones(3))
+    ),
     r"section must be an eig3\.structures\.Section": lambda: portal().member("a", "b", 3.0),
 }
 

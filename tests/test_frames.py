@@ -135,15 +135,17 @@ def spring_with_a_height(t, u, v, p):
 
 def test_a_summary_has_a_row_for_each_member_and_a_dataset_their_parameters():
     """A parameter has a prefix if its name is that of a variable, such as the step h."""
-    start = {"h": 1.0, "c": [9.0, 0.0]}
+    start = {"h": 1.0, "c": [9.0, 0.0], "ends": [-1, 2]}  # as a float, -1 is NaN
     problem = eig3.Problem("named", spring_with_a_height, 1.0, 0.0, start, (0.0, 10.0))
     crossing = eig3.Event(position, direction=-1)
     options = {"h": 0.01, "save_every": 7, "events": {"down": crossing}, "outputs": {"height": position}}
-    runs = problem.ensemble(params={"h": [1.0, 4.0, 0.01], "c": [[9.0, 0.0], [9.0, 0.1], [9.0, 0.2]]}, **options)
+    changes = {"h": [1.0, 4.0, 0.01], "c": [[9.0, 0.0], [9.0, 0.1], [9.0, 0.2]], "ends": [[-1, 2], [-1, 3], [-1, -4]]}
+    runs = problem.ensemble(params=changes, **options)
     table, data = runs.summary(), runs.to_xarray()
     assert list(table.index) == [0, 1, 2]
-    assert list(table.columns[:2]) == ["p.h", "c[1]"]  # c[0] is the same in all members
+    assert list(table.columns[:3]) == ["p.h", "c[1]", "ends[1]"]  # the others are the same in all members
     assert list(table["p.h"]) == [1.0, 4.0, 0.01]
+    assert list(table["ends[1]"]) == [2, 3, -4]
     assert list(table["status"]) == ["completed"] * 3
     assert list(table["count of down"]) == data["count of down"].values.tolist() == [2, 3, 0]
     for i, run in enumerate(runs):
@@ -158,7 +160,7 @@ def test_a_summary_has_a_row_for_each_member_and_a_dataset_their_parameters():
     down = runs.events["down"].to_pandas()
     assert down.member.tolist() == [0, 0, 1, 1, 1]
     np.testing.assert_array_equal(down.t[:2], runs[0].events["down"].t)
-    assert data.coords.keys() == {"member", "t", "p.h", "c[1]"}
+    assert data.coords.keys() == {"member", "t", "p.h", "c[1]", "ends[1]"}
     np.testing.assert_array_equal(data.u.where(data["p.h"] > 3, drop=True)[0], runs.u[1])
 
 

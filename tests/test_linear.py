@@ -9,6 +9,7 @@ import scipy.linalg
 import scipy.sparse
 
 import eig3
+from eig3.effects import Gap
 from eig3.structures.factors import copies_in, factors, solution
 from eig3.structures.matrices import check_mass
 from eig3.structures.modes import natural_modes
@@ -137,15 +138,27 @@ def with_a_short_influence():
 test_modes_that_are_refused = refusals(
     {
         r"modes must be two different modes.*2, 2": lambda: eig3.Rayleigh(0.1, modes=(2, 2)),
+        "modes must be two different modes, not 3": lambda: eig3.Rayleigh(0.1, modes=3),
         r"modes must be two different modes.*1, 2, 3": lambda: eig3.Rayleigh(0.1, modes=(1, 2, 3)),
         "a mode must be": lambda: eig3.Rayleigh(0.1, modes=(0, 2)),
         "coefficients depend on the structure": lambda: eig3.Rayleigh(0.1, modes=(1, 2)).coefficients,
+        "K must have no negative eigenvalue: a mode has": lambda: eig3.linear([1.0], K=[[-4.0]], t_span=(0, 1)).modes(
+            1
+        ),
+        "K must have no negative eigenvalue: a mode": lambda: eig3.linear([1.0], K=[[-4.0]], t_span=(0, 1)).exact(1.0),
+        "xi gives the mode of .* rad/s a negative damping": lambda: made_of(
+            {"damping": eig3.Rayleigh((0.3, 0.01), 0.5, 1.0)}
+        )(),
+        "xi gives the mode of .* a negative damping ratio": lambda: made_of(
+            {"damping": eig3.Rayleigh((0.01, 0.3), 5.0, 6.0)}
+        )(),
         "modes need K": lambda: eig3.linear([1.0, 1.0], t_span=(0, 1)).modes(1),
         "influence must be 6 finite numbers": with_a_short_influence,
     },
     {
         "Rayleigh takes two frequencies, omega1 and omega2, or modes=": lambda: eig3.Rayleigh(0.1),
         "Rayleigh takes two frequencies": lambda: eig3.Rayleigh(0.1, 1.0, 2.0, modes=(1, 2)),
+        "Rayleigh takes two frequencies, omega1 and": lambda: eig3.Rayleigh(0.1, 1.0, modes=(1, 2)),
     },
 )
 
@@ -315,6 +328,48 @@ def made_of(changes):
 
 
 test_bad_arguments = refusals(*({f"^{said}": made_of(x) for said, x in bad.items()} for bad in (BAD, BAD_TYPES)))
+
+
+CHANGED = {
+    "ground must have a finite value for each of its 11": {"ground": GROUND[1][:7]},
+    "the influence of ground must be 6": {"influence": np.ones(5)},
+    "the degrees of force must be whole numbers from 0 to 5": {"degrees": [0, 6]},
+    r"params\['m'\] must have 6 masses, not 5": {"m": M[:5]},
+    r"params\['K'\] must have the shape \(6, 6\), not \(4, 4\)": {"K": scipy.sparse.csr_array(stiffness(4))},
+    r"params\['link_0_stiffness'\] must have a value for each of 1 links, not 2": {"link_0_stiffness": [1.0, 2.0]},
+    "params are of a structure with 5 degrees of freedom, and not 6": {"size": 5},
+}
+
+
+@functools.cache
+def loaded():
+    loads = {"ground": GROUND, "force": (GROUND[0], np.ones((11, 2)), [0, 1]), "links": [(Gap(1.0, 1.0), None, 0)]}
+    return eig3.linear(M, None, K, t_span=(0, 1), **loads)
+
+
+test_changed_parameters = refusals(
+    {
+        words: functools.partial(lambda x: loaded().with_(params=loaded().params._replace(**x)), x)
+        for words, x in CHANGED.items()
+    }
+)
+
+
+@pytest.mark.parametrize("given", [{"rtol": 1e-6}, {"accuracy": 1e-4}])
+def test_no_step_jumps_over_a_blow(given):
+    """The record is padded with zeros. Between blows the motion is smooth: the steps were a hundred times as long as a
+    blow, and the error as large as the motion."""
+    blow = [0.0, 5.0, 5.0025, 5.005, 20.0], [0.0, 0.0, 1e3, 0.0, 0.0]
+    problem = eig3.linear([1.0], None, [[1.0]], force=blow, t_span=(0, 20), u0=1.0)
+    run = problem.integrate(**given)
+    assert run.u[-1] == pytest.approx(problem.exact(20.0)[0][0], rel=0, abs=1e-4)
+    assert problem.integrate(rtol=1e-6, h_max=20.0).n_steps < 100
+
+
+def test_each_member_must_load_a_degree_of_freedom():
+    """A number beyond them would be written to other memory."""
+    with pytest.raises(ValueError, match="the degrees of force must be whole numbers from 0 to 5"):
+        loaded().ensemble(params={"degrees": np.array([[0, 1], [0, 6]])}, h=0.01)
 
 
 @pytest.mark.parametrize("bad", [{"xi": -0.1}, {"xi": [0.1, 0.2, 0.3]}, {"omega1": 0.0}, {"omega2": 1.0}])

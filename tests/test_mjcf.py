@@ -322,7 +322,7 @@ def test_motors_are_checked(tmp_path):
     with pytest.raises(ValueError, match="motor 'motor' has a control already"):
         found.drive("motor", 2.0)
     with pytest.raises(ValueError, match=r"ignore must have names of actuator, .*, not 'friction'"):
-        Scene.read(tmp_path / "model.xml", ignore=("friction",))
+        Scene.read(tmp_path / "model.xml", ignore="friction")
     with pytest.raises(ValueError, match="leave out dimension and units"):
         Scene.read(tmp_path / "model.xml", length=1e-3)
     (tmp_path / "atoms.xyz").write_text("1\n\nAr 0 0 0\n")

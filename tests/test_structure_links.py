@@ -205,6 +205,23 @@ class Odd(LinearSpring):
         return r / yield_length
 
 
+@pytest.mark.parametrize(
+    ("law", "lowest"),
+    [
+        (ElasticPlastic(100.0, 1.0), 0.03),  # by 1 N and 100 N/m, between +1 and -1 N
+        (Multilinear([0.01, 0.02, 0.03], [1.0, 1.5, 1.75]), -0.01),  # work of 25 - 5 - 20 mJ on twice the backbone
+    ],
+)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_mass_that_is_released_beyond_yield_unloads_elastically(law, lowest, side):
+    """As in a test in which a structure is pulled and let go: without a turn at the start, the link would return along
+    its backbone curve, and give back what it has absorbed."""
+    problem = eig3.linear([1.0], links=[(law, None, 0)], u0=0.05 * side, t_span=(0, 1))
+    u = side * problem.integrate(h=1e-3).u[:, 0]
+    assert u.max() <= 0.05
+    assert u.min() == pytest.approx(lowest, abs=1e-5)  # (omega h)^2 = 1e-4 of the amplitude of 0.03
+
+
 def test_backbone_curves_of_each_link():
     """One law with a curve for each of its links moves as two laws; at the first loading, each follows its curve."""
     stretches = np.array([[0.05, 0.1, 0.3], [0.1, 0.2, 0.4]])

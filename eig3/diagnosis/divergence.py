@@ -192,9 +192,25 @@ def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
         guilty = math.log(growth) > 2 * own_growth + math.log(_BLOWN_UP)
     else:
         guilty = any(stepper.h > limit for limit in limits)
-    if not guilty:
+    if not guilty or (limits and _grows_anyway(stepper, _SAFETY * min(limits))):
         return None
     return BlowUp(stepper, growth, sane.t, _comparison(stepper, steps) or unstable, limits)
+
+
+def _grows_anyway(stepper: Stepper, h: float) -> bool:
+    """Return whether a motion grows as much with a stable step h.
+
+    A critical step is wrong where a motion from rest is so small that rhs rounds off its differences.
+    """
+    n_steps = math.ceil((stepper.t - stepper.t0) / h)
+    if n_steps > max(_PATIENCE * stepper.index, _LEAST_WORK / (10 + np.size(stepper.u))):
+        return False
+    trial = stepper.restarted(h)
+    try:
+        taken = trial.advance(n_steps)
+    except Exception:  # rhs failed
+        return False
+    return taken == n_steps and trial.is_finite and _size(trial) > _size(stepper) / _BLOWN_UP
 
 
 def last_sane(before: Stepper, bad_index: int, start: Stepper) -> Stepper:

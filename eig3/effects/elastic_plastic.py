@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ..kernels.compile.jit import element
 from ..scene.effect import Link
 
+_AT_REST = 1e-300  # in place of a rate of 0
 _INSIDE = 1e-12  # of the yield force: after a turn, the link is elastic beyond round-off
 
 
@@ -22,14 +23,20 @@ def tension_within(r, state, stiffness, yield_force, hardening, rest_length):
 
 
 @element
+def falling(rate):
+    """The negative of a rate, which is negative at rest too: a link that is released beyond its yield then turns."""
+    return -rate if rate != 0.0 else -_AT_REST
+
+
+@element
 def yield_or_turn(r, rate, state, stiffness, yield_force, hardening, rest_length):
     """Negative while the link yields further; it becomes positive where the link turns."""
     middle = hardening * stiffness * (r - rest_length)
     beyond = stiffness * (r - rest_length - state) - middle
     half = (1 - hardening) * yield_force
     if beyond > half:
-        return -rate
-    return rate if beyond < -half else half - abs(beyond)
+        return falling(rate)
+    return falling(-rate) if beyond < -half else half - abs(beyond)
 
 
 @element
@@ -65,7 +72,7 @@ def tension_of_both_hardenings(r, state, stiffness, yield_force, hardening, isot
 def yield_or_turn_of_both(r, rate, state, stiffness, yield_force, hardening, isotropic, rest_length):
     force, beyond, _ = beyond_yield(r, state, stiffness, yield_force, hardening, isotropic, rest_length)
     if beyond > 0:
-        return -rate if force > 0 else rate
+        return falling(rate if force > 0 else -rate)
     return -beyond
 
 
@@ -96,7 +103,7 @@ class ElasticPlastic(Link):
 
     Formula: tension = stiffness (r - rest_length - s), but within hardening stiffness (r - rest_length) plus and minus
     (1 - hardening) yield_force; r is the distance of the ends. s is the plastic stretch, m, which is set where the rate
-    of r changes its sign while the link yields.
+    of r changes its sign while the link yields, and at the start if the link is released at rest beyond its yield.
 
     This hardening is kinematic: the elastic range moves and keeps its size. If isotropic is not 0, the state has two
     numbers, s and the accumulated plastic stretch p. With H = hardening stiffness / (1 - hardening), the tension minus

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..kernels.compile.jit import element
 from ..kernels.elementary import exp, log
 from ..scene.effect import Link
-from .elastic_plastic import over_yield, require_yield
+from .elastic_plastic import falling, over_yield, require_yield
 
 
 @element
@@ -41,7 +41,8 @@ def force_of_branch(r, state, stiffness, yield_force, hardening, R0, cR1, cR2, r
 @element
 def turning(r, rate, state, stiffness, yield_force, rest_length):
     """Negative while the stretch changes in the direction of the branch; it becomes positive where the link turns."""
-    return -rate * target(r, state, stiffness, yield_force, rest_length)[4]
+    ahead = rate * target(r, state, stiffness, yield_force, rest_length)[4]
+    return falling(ahead) if r != rest_length else -ahead
 
 
 @element

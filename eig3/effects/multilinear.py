@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import OPTIONS, element
 from ..scene.effect import Link
+from .elastic_plastic import falling
 
 _INSIDE = 1e-12  # of the yield stretch: after a turn, the elements are elastic beyond round-off
 
@@ -55,8 +56,8 @@ def first_yields_or_turns(r, rate, state, stretches, forces, rest_length):
     """
     elastic = r - rest_length - state[0]
     if elastic > stretches[0]:
-        return -rate
-    return rate if elastic < -stretches[0] else forces[0] * (1 - abs(elastic) / stretches[0])
+        return falling(rate)
+    return falling(-rate) if elastic < -stretches[0] else forces[0] * (1 - abs(elastic) / stretches[0])
 
 
 @element

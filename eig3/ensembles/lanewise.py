@@ -52,7 +52,7 @@ _OTHER_CONSTRAINTS = (
 )
 _SPARSE = (
     "params have a sparse matrix and differ between members; lanes read a sparse matrix only from params that all "
-    "members share."
+    "members share; if they are the same, give only the parameters that change, by name."
 )
 
 # The references are weak, so that a program that makes many functions does not keep all of them in memory.

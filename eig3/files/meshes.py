@@ -41,7 +41,12 @@ def read_mesh(path: Path) -> MeshTable:
     meshio = library("meshio", path.suffix)
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}.")
-    mesh = meshio.read(path)
+    try:
+        mesh = meshio.read(path)
+    except Exception as error:  # many kinds, from meshio, NumPy and XML
+        raise ValueError(
+            f"{path} is not a mesh that meshio reads ({error}), and no file of atoms or mechanisms."
+        ) from error
     kinds = [block.type for block in mesh.cells]
     kind = _SOLID if _SOLID in kinds else _SHEET
     unknown = [name for name in kinds if name not in (*_BELOW, _SOLID)]

@@ -105,6 +105,7 @@ class Elements:
     """
 
     def __init__(self, path: Path, ignore: Collection[str]) -> None:
+        ignore = [ignore] if isinstance(ignore, str) else ignore
         unknown = sorted(set(ignore) - set(OMISSIONS))
         if unknown:
             raise ValueError(f"ignore must have names of {', '.join(OMISSIONS)}, not {unknown[0]!r}.")

@@ -90,9 +90,12 @@ def _varied_parameters(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
     names = layout.names_of(p[0]) if layout else [f"p[{i}]" for i in range(p.shape[1])]
     whole = [name.partition("[")[0] for name in names]
     counts = collections.Counter(whole) if layout else {}
-    for i in np.flatnonzero((p != p[:1]).any(axis=0)):
+    kinds = dict(zip(layout.names, layout.kinds, strict=True)) if layout else {}
+    bits = np.ascontiguousarray(p).view(np.int64)  # the values of arrays of integers, which may look like NaN in p
+    for i in np.flatnonzero((bits != bits[:1]).any(axis=0)):
         if counts.get(whole[i], 0) <= _LONGEST:
-            yield names[i], p[:, i]
+            kind = kinds.get(whole[i])
+            yield names[i], (bits if kind and kind.is_whole and kind.ndim else p)[:, i]
 
 
 def ensemble_to_xarray(solution: Any) -> Any:

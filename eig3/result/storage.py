@@ -98,10 +98,10 @@ class Place:
 
 
 def path_of(save_to: Any) -> Path:
-    """Return the path that `save_to` names."""
+    """Return the path that `save_to` names, which stays the same if the process goes to another directory."""
     if not isinstance(save_to, str | PathLike):
         raise TypeError(f"save_to must be the path of a directory, not {shown(save_to)}.")
-    return Path(save_to)
+    return Path(save_to).absolute()
 
 
 def write(kind: str, fields: dict[str, Any], target: Path, *, is_lasting: bool = True, **rest: Any) -> Path:
@@ -129,6 +129,8 @@ def keep_error(save_to: Any, error: ErrorEstimate) -> None:
 def _put(target: Path, record: Mapping[str, Any], arrays: dict[str, np.ndarray], *, is_lasting: bool = True) -> Path:
     """Write a record and its arrays to a file, as `write` describes."""
     arrays[_RECORD] = np.array(json.dumps(record))
+    if not target.parent.is_dir():
+        raise FileNotFoundError(f"No such file or directory: make the folder {target.parent} for {target.name} first.")
     temporary = target.with_name(f".{uuid.uuid4().hex}.part")
     try:
         with temporary.open("xb") as stream:
@@ -164,7 +166,7 @@ def load(path: str | PathLike[str]) -> Any:
     target = Path(path)
     for name, read in DIRECTORIES.items():
         if (target / name).is_file():
-            return read(target)
+            return read(target.absolute())
     target = file(path)
     if Path(path).is_dir() and not target.exists():
         raise ValueError(f"{path} is not a directory that save_to has written: name such a directory, or a file.")

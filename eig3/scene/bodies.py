@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.checks import reals
+from ..functions.checks import reals, shown
 from ..keywords import with_suggestions
 from .constraint import Constraint, Equation
 from .description import Description, Points
@@ -115,7 +115,7 @@ class RigidBody:
         place : array_like, shape (..., dimension)
             In the frame of the body, whose origin is the centre of mass, m.
         """
-        return self._carried(reals(place, "place"), 1.0)
+        return self._carried(self._vectors(place, "place"), 1.0)
 
     def vector(self, direction: ArrayLike) -> Points:
         """Return a vector that is fixed to the body.
@@ -125,11 +125,11 @@ class RigidBody:
         direction : array_like, shape (..., dimension)
             In the frame of the body.
         """
-        return self._carried(reals(direction, "direction"), 0.0)
+        return self._carried(self._vectors(direction, "direction"), 0.0)
 
     def at(self, position: ArrayLike) -> Points:
         """Return the point of the body that is at a position of the scene at the start, m."""
-        return self.point(self._local(reals(position, "position") - self.centre.position))
+        return self.point(self._local(self._vectors(position, "position") - self.centre.position))
 
     def revolute(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike | None = None) -> None:
         """Add a revolute joint to another body, or to the ground, at a position, m; in space about an axis."""
@@ -307,7 +307,8 @@ class RigidBody:
 
     def _pin(self, other: RigidBody | None, position: ArrayLike) -> tuple[Any, ...]:
         """Return the constraint of two points that coincide, one of each body."""
-        return PointJoint(), self.at(position), self._place_of(other, position)
+        place = self._place_of(other, position)
+        return PointJoint(), self.at(position), place
 
     def _turns(self, other: RigidBody | None, mine: list[np.ndarray], theirs: list[np.ndarray]) -> list[tuple]:
         """Return constraints between each of some vectors of this body and each of some vectors of another one."""
@@ -341,7 +342,8 @@ class RigidBody:
     def _place_of(self, other: RigidBody | None, position: ArrayLike) -> Points:
         """Return the point of another body, or of the ground, that is at a position at the start."""
         self._check_other(other)
-        return self.scene.fixed(position) if other is None else other.at(position)
+        place = self._vectors(position, "position", is_one=True)
+        return self.scene.fixed(place) if other is None else other.at(place)
 
     def _check_other(self, other: RigidBody | None) -> None:
         if other is self or not isinstance(other, RigidBody | None):
@@ -349,17 +351,20 @@ class RigidBody:
 
     def _frame(self, direction: ArrayLike, name: str) -> list[np.ndarray]:
         """Return a unit vector along a direction, and unit vectors that are perpendicular to it and to each other."""
-        vector = reals(direction, name)
-        if vector.shape != (len(self.principal),):
-            raise ValueError(f"{name} must have {len(self.principal)} components, not the shape {vector.shape}.")
+        vector = self._vectors(direction, name, is_one=True)
         if not np.any(vector):
             raise ValueError(f"{name} must not be zero.")
         unit = vector / np.linalg.norm(vector)
         return [unit, *np.linalg.svd(unit[None])[2][1:]]
 
+    def _vectors(self, given: ArrayLike, name: str, is_one: bool = False) -> np.ndarray:
+        """Return vectors, or one vector, which must have a finite component for each dimension."""
+        vectors, d = reals(given, name), len(self.principal)
+        if vectors.shape[-1:] != (d,) or (is_one and vectors.ndim > 1) or not np.isfinite(vectors).all():
+            raise ValueError(f"{name} must have {d} finite components, not {shown(given)}.")
+        return vectors
+
     def _carried(self, local: np.ndarray, of_centre: float) -> Points:
-        if local.shape[-1:] != (len(self.principal),):
-            raise ValueError(f"a place in a body needs {len(self.principal)} components, not the shape {local.shape}.")
         factors = np.concatenate([np.full((*local.shape[:-1], 1), of_centre), local @ self.principal], axis=-1)
         parts = np.append(self.centre.numbers, self.axes.numbers)
         return self.scene._carry(parts, factors, is_vector=not of_centre)
@@ -417,12 +422,10 @@ def rotation_matrix(rotation: Any, dimension: int) -> np.ndarray:
     """
     if rotation is None:
         return np.eye(dimension)
-    if hasattr(rotation, "as_matrix"):
-        return np.asarray(rotation.as_matrix())
-    given = reals(rotation, "rotation")
-    if dimension == 2 and given.ndim == 0:
+    given = reals(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
+    if dimension == 2 and given.ndim == 0 and np.isfinite(given):
         return np.array([[np.cos(given), -np.sin(given)], [np.sin(given), np.cos(given)]])
-    if dimension == 3 and given.shape == (4,) and given.any():
+    if dimension == 3 and given.shape == (4,) and np.linalg.norm(given) > 0:
         from scipy.spatial.transform import Rotation
 
         return np.asarray(Rotation.from_quat(given).as_matrix())
@@ -430,4 +433,4 @@ def rotation_matrix(rotation: Any, dimension: int) -> np.ndarray:
     if is_matrix and np.linalg.det(given) > 0 and np.abs(given @ given.T - np.eye(3)).max() < _UNIT:
         return given
     kinds = {2: "an angle in rad", 3: "a quaternion (x, y, z, w), a 3 x 3 rotation matrix or a SciPy Rotation"}
-    raise ValueError(f"rotation of a body in {dimension} dimensions must be {kinds[dimension]}, not {rotation!r}.")
+    raise ValueError(f"rotation of a body in {dimension} dimensions must be {kinds[dimension]}, not {shown(rotation)}.")

@@ -21,7 +21,9 @@ class HingeMotor(Link):
 
     def __post_init__(self) -> None:
         if not hasattr(self.torque, "py_func") or arguments(self.torque) not in (("t",), ("t", "angle", "rate")):
-            raise TypeError("torque of Motor must be a jitted function of t, or of t, angle and rate.")
+            raise TypeError(
+                "torque of Motor must be a jitted function of t, or of t, angle and rate, with these names."
+            )
         self._compile("torque", self.torque, 1)
         super().__post_init__()
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..animation.shapes import shape_of
-from ..functions.checks import check_count, check_span, reals
+from ..functions.checks import check_count, check_span, reals, shown
 from ..keywords import with_suggestions
 from ..problem import Problem
 from . import codegen
@@ -167,7 +167,10 @@ class Scene(Description):
         across = axes @ np.array([[0.0, 1.0], [-1.0, 0.0]]) if self.dimension == 2 else axes
         rates = turning * across if self.dimension == 2 else np.cross(np.broadcast_to(turning, 3), axes)
         solid = None if shape is None else shape_of(shape, self.dimension)
-        centre = self.mass(mass, position, np.broadcast_to(reals(velocity, "velocity"), (self.dimension,)))
+        moving = reals(velocity, "velocity")
+        if moving.shape not in ((), (self.dimension,)):
+            raise ValueError(f"velocity of a body must be {self.dimension} numbers, in m/s, not {shown(velocity)}.")
+        centre = self.mass(mass, position, np.broadcast_to(moving, (self.dimension,)))
         vectors = Axes(self, self.mass(squares, axes, rates).numbers)
         if solid is not None:
             kind, semi_axes = solid

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, reals
 from .matrices import Mass
-from .modes import natural_modes
+from .modes import highest_frequency, natural_modes
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,13 @@ class Rayleigh:
         xi = reals(self.xi, "xi")
         if xi.shape not in ((), (2,)) or not (np.isfinite(xi).all() and (xi >= 0).all()):
             raise ValueError(f"xi must be a damping ratio of at least 0, or a pair of them, not {self.xi!r}.")
-        if (self.modes is None) == (self.omega1 is None or self.omega2 is None):
+        if [x is None for x in (self.modes, self.omega1, self.omega2)] not in (
+            [True, False, False],
+            [False, True, True],
+        ):
             raise TypeError("Rayleigh takes two frequencies, omega1 and omega2, or modes=(i, j).")
         if self.modes is not None:
-            if len({check_count(mode, "a mode") for mode in self.modes}) != 2 or len(self.modes) != 2:
+            if np.shape(self.modes) != (2,) or len({check_count(mode, "a mode") for mode in self.modes}) != 2:
                 raise ValueError(f"modes must be two different modes, not {self.modes!r}.")
             return
         omega = reals([self.omega1, self.omega2], "omega1 and omega2")
@@ -60,12 +63,27 @@ class Rayleigh:
             raise ValueError(f"omega1 and omega2 must be positive and differ, not {omega[0]:g} and {omega[1]:g}.")
 
     def of(self, mass: Mass, K: Any) -> Rayleigh:
-        """Return the damping with the frequencies of a structure in place of its modes."""
-        if self.modes is None:
-            return self
-        i, j = self.modes
-        omega = natural_modes(mass, K, max(i, j))[0]
-        return Rayleigh(self.xi, float(omega[i - 1]), float(omega[j - 1]))
+        """Return the damping with the frequencies of a structure in place of its modes.
+
+        Raises
+        ------
+        ValueError
+            If a mode of the structure would have a negative damping ratio, and grow.
+        """
+        found = self
+        if self.modes is not None:
+            i, j = self.modes
+            omega = natural_modes(mass, K, max(i, j))[0]
+            found = Rayleigh(self.xi, float(omega[i - 1]), float(omega[j - 1]))
+        a, b = found.coefficients
+        if min(a, b) < 0:
+            last = highest_frequency(mass, K) if b < 0 else float(natural_modes(mass, K, 1)[0][0])
+            if a + b * last**2 < 0:
+                raise ValueError(
+                    f"xi gives the mode of {last:.4g} rad/s a negative damping ratio, with which it grows: take ratios "
+                    f"that differ less, or frequencies that differ more."
+                )
+        return found
 
     @property
     def coefficients(self) -> tuple[float, float]:

@@ -106,7 +106,8 @@ class Frame:
             directions, such as ``{"start": {"ry": law}}``, which are the axes of the frame and not of the member: for a
             column along z, "rz" is torsion. In these directions alone, the end rotates by itself.
         up : sequence of float, shape (3,)
-            In space: a direction in the plane in which the section bends with I. A member along `up` uses x instead.
+            In space: a direction in the plane in which the section bends with I. A member along `up` uses x instead,
+            or z if it is along x.
 
         Raises
         ------
@@ -115,9 +116,13 @@ class Frame:
         """
         if not isinstance(section, Section):
             raise TypeError(f"section must be an eig3.structures.Section, not {shown(section)}.")
-        free = frozenset([releases] if isinstance(releases, str) else releases)
+        free = frozenset(releases if isinstance(releases, Iterable) and not isinstance(releases, str) else [releases])
         if not free <= {"start", "end"}:
             raise ValueError(f'releases must be some of "start" and "end", not {shown(releases)}.')
+        if not isinstance(hinges, Mapping | None):
+            raise TypeError(
+                f'hinges must be a dictionary such as {{"start": ElasticPlastic(...)}}, not {shown(hinges)}.'
+            )
         ends = self._check_hinges({} if hinges is None else dict(hinges), free, section)
         member = Member(section, self._place(start), self._place(end), free, _direction(up))
         if member.length == 0:
@@ -183,6 +188,8 @@ class Frame:
             If the node or a direction is not known.
         """
         self._place(node)
+        if not isinstance(directions, str):
+            raise TypeError(f'directions must be a text such as "ux uy", not {shown(directions)}.')
         known = DIRECTIONS[self.dimension]
         for direction in directions.split() or known:
             if direction not in known:
@@ -261,6 +268,9 @@ class Frame:
             If an argument is not valid, a direction has stiffness and no mass, or, for corotational members in space,
             a support fixes only some of a node's rotations.
         """
+        for name in ("M", "C", "K", "names", "units"):
+            if name in options:
+                raise TypeError(f"{name} of a frame comes from its nodes and members: leave it out, and give damping.")
         names, masses, K = self._with_masses(condensed=not corotational, hinged=True)
         if self._hinges:
             options["links"] = [*options.get("links", ()), *self._links(names)]
@@ -268,6 +278,10 @@ class Frame:
                 closed = self._with_masses()
                 options["damping"] = options["damping"].of(check_mass(closed[1], None), closed[2])
         if ground is not None:
+            if not isinstance(ground, tuple | list) or len(ground) != 2:
+                raise TypeError(
+                    "ground of a frame must be (times, accelerations): its influence follows from direction."
+                )
             options["ground"] = *ground, self._influence(names, direction)
         units = tuple(_UNITS[name.rpartition(".")[2][0]] for name in names)
         C = None

@@ -58,10 +58,13 @@ class Section:
     J: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, least in (("E", True), ("A", True), ("I", False), ("density", False), ("G", False), ("J", False)):
-            value = reals(getattr(self, name), name)
+        for name in ("E", "A", "I", "density", "I_side", "G", "J"):
+            least, given = name in "EA", getattr(self, name)
+            value = reals(self.I if name == "I_side" and given is None else given, name)
             if value.shape != () or not np.isfinite(value) or value < 0 or (least and value == 0):
-                raise ValueError(f"{name} must be a {'positive' if least else 'finite'} number, not {value}.")
+                raise ValueError(
+                    f"{name} must be a {'positive number' if least else 'number of at least 0'}, not {value}."
+                )
 
     @property
     def is_bar(self) -> bool:
@@ -117,7 +120,8 @@ class Member:
     def axes(self) -> np.ndarray:
         """The local axes of the member in space, with x along the member, shape (3, 3)."""
         x = (self.end - self.start) / self.length
-        up = self.up if abs(x @ self.up) < _ALONG else np.array([1.0, 0.0, 0.0])
+        other = [1.0, 0.0, 0.0] if abs(x[0]) < _ALONG else [0.0, 0.0, 1.0]
+        up = self.up if abs(x @ self.up) < _ALONG else np.array(other)
         y = up - (up @ x) * x
         y /= np.linalg.norm(y)
         return np.array([x, y, np.cross(x, y)])

@@ -57,7 +57,8 @@ def linear(
         Damping and stiffness. K must be symmetric; C may have a gyroscopic part.
     force : jitted function, or tuple
         ``f(t, u, v, p, out)`` adds forces to out. A table (times, forces) or (times, forces, degrees), whose forces
-        have the shape (times, degrees), is linear between its times and zero outside.
+        have the shape (times, degrees), is linear between its times and zero outside. With tolerances, steps are at
+        most half as long as the shortest load of a record, so that none jumps over it; ``h_max`` replaces this limit.
     ground : tuple
         The ground motion (times, accelerations) or (times, accelerations, influence): u is then relative to the ground.
         The acceleration is linear between the times and zero outside. The influence is 1 for a degree of freedom in the
@@ -72,7 +73,8 @@ def linear(
     t_span : (float, float)
     u0, v0 : float or array_like, shape (n,)
     lump : {"row", "hrz"}, optional
-        Make M diagonal: by its row sums, or by its scaled diagonal, whose masses are always positive.
+        Make M diagonal: by its row sums, or by its scaled diagonal, whose masses are always positive. Both are for
+        matrices of displacements alone, and not for rotations, such as the ones of beams.
     names, units : sequence of str
         The names and units of the degrees of freedom.
     work : bool

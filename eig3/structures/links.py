@@ -99,7 +99,10 @@ def check_links(links: Any, names: Sequence[str], n: int, u0: np.ndarray) -> tup
             raise ValueError(f"{said} acts across {law.directions} directions: give it a tension, not a force_density.")
         if law.arrays:
             raise ValueError(f"{said} has a field that is an array for all links, which a structure does not take.")
-        ends = np.stack(np.broadcast_arrays(*(_end(end, names, n, said, law.directions) for end in each[1:])))
+        first, second = (_end(end, names, n, said, law.directions) for end in each[1:])
+        if 0 in (len(first), len(second)) or len({len(first), len(second)} - {1}) > 1:
+            raise ValueError(f"{said} must have as many first ends as second ends, not {len(first)} and {len(second)}.")
+        ends = np.stack(np.broadcast_arrays(first, second))
         same = (ends[0] == ends[1]).reshape(-1, law.directions)
         if same.all(axis=1).any() or (same & (ends[0] >= 0).reshape(same.shape)).any():
             raise ValueError(f"{said} must join two different degrees of freedom, or one and None for the ground.")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 
 from ..functions.checks import reals, shown
+from .matrices import check_masses
 
 
 def check_ground(ground: Any, n: int) -> dict[str, Any]:
@@ -46,6 +48,44 @@ def check_table(force: Any, n: int) -> dict[str, Any]:
             f"force must have {degrees.size} values for each time, not values of the shape {values.shape}."
         )
     return {"force_times": times, "forces": values, "degrees": degrees.astype(np.int64), "force_scale": 1.0}
+
+
+def check_together(has: dict[str, Any], n: int) -> None:
+    """Check that the parameters of a structure, which a user has changed, belong together.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a record has not one value for each of its times, or another array has another size than the structure needs.
+    """
+    if has["size"] != n:
+        raise ValueError(f"params are of a structure with {has['size']} degrees of freedom, and not {n}: make another.")
+    if "ground" in has:
+        check_ground((has["ground_times"], has["ground"], has["influence"]), n)
+    if "forces" in has:
+        check_table((has["force_times"], has["forces"], has["degrees"]), n)
+    if "m" in has:
+        check_masses(has["m"], "params['m']", n)
+    for name in {"K", "C"} & {*has}:
+        if tuple(has[name].shape) != (n, n):
+            raise ValueError(f"params[{name!r}] must have the shape ({n}, {n}), not {tuple(has[name].shape)}.")
+    for name, values in has.items():
+        link = re.match(r"link_\d+_", name)
+        count = len(has[f"{link[0]}first"]) if link else 0
+        if link and len(values) != count:
+            raise ValueError(f"params[{name!r}] must have a value for each of {count} links, not {len(values)}.")
+
+
+def shortest_load(has: dict[str, Any]) -> float:
+    """Return the duration of the shortest part of the records that is not zero; infinite without a record."""
+    durations = [np.inf]
+    for name, record in (("ground_times", "ground"), ("force_times", "forces")):
+        if name in has:
+            t, acts = has[name], np.any(np.reshape(has[record], (len(has[name]), -1)), axis=1)
+            changes = np.flatnonzero(np.diff(acts, prepend=False, append=False))
+            first, last = np.maximum(changes[::2] - 1, 0), np.minimum(changes[1::2], len(t) - 1)
+            durations += (t[last] - t[first]).tolist()
+    return min(durations)
 
 
 def _record(given: Any, name: str, wanted: str) -> tuple:

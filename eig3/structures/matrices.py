@@ -50,17 +50,17 @@ def check_mass(M: Any, lump: str | None) -> Mass:
         raise ValueError(f'lump must be "row" or "hrz", not {shown(lump)}.')
     given = None if is_of_scipy(M) else reals(M, "M")
     if given is not None and given.ndim == 1:
-        _check_masses(given, "M")
+        check_masses(given, "M")
         return Mass(given, scipy.sparse.diags_array(given).tocsr())
     matrix = check_matrix(M, "M")
     check_symmetric(matrix, "M")
     if lump is not None:
         diagonal = _row_sums(matrix) if lump == "row" else _hrz(matrix)
-        _check_masses(diagonal, f'M with lump="{lump}"')
+        check_masses(diagonal, f'M with lump="{lump}"')
         return Mass(diagonal, scipy.sparse.diags_array(diagonal).tocsr())
     diagonal = matrix.diagonal()
     if matrix.count_nonzero() == np.count_nonzero(diagonal):
-        _check_masses(diagonal, "M")
+        check_masses(diagonal, "M")
         return Mass(diagonal, scipy.sparse.diags_array(diagonal).tocsr())
     return Mass(None, matrix)
 
@@ -145,7 +145,10 @@ def _hrz(matrix: Any) -> np.ndarray:
     return diagonal * (total / of_diagonal)[part]
 
 
-def _check_masses(masses: np.ndarray, name: str) -> None:
+def check_masses(masses: np.ndarray, name: str, n: int | None = None) -> None:
+    """Refuse masses that are not positive and finite, or not n."""
+    if n is not None and masses.size != n:
+        raise ValueError(f"{name} must have {n} masses, not {masses.size}.")
     if masses.size == 0:
         raise ValueError(f"{name} must have at least one degree of freedom, but it is empty.")
     bad = np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))

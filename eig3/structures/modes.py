@@ -13,6 +13,7 @@ from .matrices import Mass
 
 _ALL = 0.5  # with a larger share of the modes, all modes are computed by full matrices
 _SHIFT = 1e-9  # relative to the largest square of a frequency
+_NEGATIVE = 1e-11  # the same; more is not round-off
 _FULL = 500  # up to this number of degrees of freedom, full matrices are used
 
 
@@ -77,7 +78,7 @@ def natural_modes(mass: Mass, K: Any, count: int) -> tuple[np.ndarray, np.ndarra
     Raises
     ------
     ValueError
-        If there are fewer modes.
+        If there are fewer modes, or K has a negative eigenvalue.
     """
     n = mass.n
     if count > n:
@@ -89,6 +90,11 @@ def natural_modes(mass: Mass, K: Any, count: int) -> tuple[np.ndarray, np.ndarra
         squares, shapes = scipy.sparse.linalg.eigsh(K, count, mass.matrix, sigma=shift)
         order = np.argsort(squares)
         squares, shapes = squares[order], shapes[:, order]
+    if squares[0] < -_NEGATIVE * (K.diagonal() / mass.matrix.diagonal()).max():
+        raise ValueError(
+            f"K must have no negative eigenvalue: a mode has omega^2 = {squares[0]:.3g}, so the structure is unstable "
+            "and has no frequency there; check the signs of K, or integrate the problem."
+        )
     return np.sqrt(np.maximum(squares, 0.0)), shapes
 
 
