@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import eig3
 from eig3.ensembles import ensemble, in_process, lanewise
+from eig3.ensembles.single_members import Singles
 from eig3.kernels.lanes import Layout, compile_rhs
 from eig3.kernels.protocol import SCALAR, VECTOR
 
@@ -275,6 +276,17 @@ def test_a_motion_that_stays_finite_but_grows_because_of_the_step_diverged():
     assert solution.status.tolist() == [eig3.Status.COMPLETED, eig3.Status.DIVERGED]
     assert "with h = 0.05" in solution.message[1]
     assert solution[1].explain() == alone.explain()
+
+
+def test_many_motions_that_grow_with_half_the_step_too_are_judged_together(monkeypatch):
+    """A single run for the reason of each takes thousands of times as long as its steps."""
+    single = []
+    monkeypatch.setattr(Singles, "__call__", lambda self, member, stop=None: single.append(member))
+    p = np.linspace(1.5, 4.0, 100)[:, None]  # omega h is 3.5 to 5.7
+    solution = eig3.ensemble(linear_spring, (0, 20), 1.0, 0.0, h=20 / 7, params=p)
+    assert (solution.status == eig3.Status.DIVERGED).all()
+    assert all("with h = 0.714286" in message or "with h = 1.42857" in message for message in solution.message)
+    assert not single
 
 
 def test_growth_from_rest_is_judged_from_the_middle_of_the_run():
