@@ -279,7 +279,10 @@ def test_a_motion_that_stays_finite_but_grows_because_of_the_step_diverged():
 
 
 def test_many_motions_that_grow_with_half_the_step_too_are_judged_together(monkeypatch):
-    """A single run for the reason of each takes thousands of times as long as its steps."""
+    """A single run for the reason of each takes thousands of times as long as its steps.
+
+    With h and with h/2, some grow to the same size.
+    """
     single = []
     monkeypatch.setattr(Singles, "__call__", lambda self, member, stop=None: single.append(member))
     p = np.linspace(1.5, 4.0, 100)[:, None]  # omega h is 3.5 to 5.7

@@ -27,6 +27,7 @@ _LONGER = 4  # largest ratio of the ends of consecutive chunks, if events may en
 _SAME = 2.0  # sizes with h and with h/2 within this factor are a property of the system, not of the step
 _OTHER = 1e3  # sizes that differ by this factor are a result of the step
 _FEW = 4  # members that are not clear; single runs of more take longer than a further run of all lanes
+_SHORT = 2000  # in more steps, a motion that is unstable with half the step too becomes infinite
 
 
 class Block(Alone):
@@ -266,9 +267,9 @@ class Block(Alone):
     def _judge_growth(self, suspects: np.ndarray) -> None:
         """End suspects that grew because of their step as diverged.
 
-        Numerical growth changes by orders of magnitude with half the step, or with a quarter of it. If these tests are
-        not conclusive, or the motion is random, a single run finds the critical steps, which takes longer than
-        thousands of steps in lanes.
+        Numerical growth changes by orders of magnitude with half the step, or with a quarter of it: in a run of few
+        steps, the sizes with h and with h/2 may be the same by chance. If these tests are not conclusive, or the motion
+        is random, a single run finds the critical steps, which takes longer than thousands of steps in lanes.
         """
         histories, state = self.histories, self._state
         suspects = suspects & (histories.status[self._members] == Status.COMPLETED)
@@ -279,8 +280,9 @@ class Block(Alone):
             finer, ratio = sizes, np.full(len(suspects), _SAME)
         else:
             finer, ratio = self._compared(suspects, 2, sizes)
-            unclear = suspects & ~(ratio < _SAME) & (ratio < _OTHER)
-            if unclear.sum() > _FEW:
+            is_short = state.index < _SHORT
+            unclear = suspects & (ratio < _OTHER) & (is_short | (ratio >= _SAME))
+            if unclear.sum() > (0 if is_short else _FEW):
                 quarter, other = self._compared(unclear, 4, sizes)
                 clear = unclear & (other >= _OTHER)
                 finer[:, clear], ratio[clear], parts[clear] = quarter[:, clear], other[clear], 4
