@@ -148,7 +148,7 @@ def test_pendulums_with_tolerances_strike_a_wall_in_lanes():
     scene.add(effects.RigidStop((1.0, 0.0), -0.3, restitution=0.7), bob)
     problem = scene.problem((0.0, 1.5))
     v0 = np.column_stack([np.zeros(40), np.linspace(-2.0, 3.0, 40)])
-    options = {"rtol": 1e-7, "method": "rk5", "t_eval": np.linspace(0.0, 1.5, 4), "invariants": {}}
+    options = {"rtol": 1e-7, "method": "rk8", "t_eval": np.linspace(0.0, 1.5, 4), "invariants": {}}
     solution = problem.ensemble(v0=v0, **options)
     assert solution.notes == ()
     for i in (0, 20, 39):

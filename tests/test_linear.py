@@ -157,7 +157,7 @@ def push(t, u, v, p, out):
 
 def test_blocks_and_threads():
     """Matrices of blocks give the accelerations of NumPy, and threads change no bit of them."""
-    edge = 3
+    edge = 2
     n, block = N * edge, np.eye(edge) + 0.3
     K, C = scipy.sparse.kron(stiffness(), block), scipy.sparse.kron(0.01 * stiffness(), block)
     M, damping = scipy.sparse.kron(consistent(), scipy.sparse.eye_array(edge)), eig3.Rayleigh(0.05, 1.0, 10.0)
@@ -212,7 +212,7 @@ def test_loads(mass):
     else:
         f[5] = -1e3 * max(U0[5] - 0.1, 0.0)
     expected = np.linalg.solve(full, f - K @ U0 - (a * full + b * K) @ V0) - influence * np.interp(t, *GROUND)
-    run = problem.with_(t_span=(t, 2.0)).integrate(h=1e-3, method="rk8")
+    run = problem.with_(t_span=(t, 2.0)).integrate(h=1e-3, method="rk4")
     np.testing.assert_allclose(run.a[0], expected, rtol=1e-12, atol=1e-12)
     # the record has corners between the steps, of which each costs h^2
     assert run.drift["energy"] < 1e-6 * problem.energy_of(U0, V0)
@@ -233,17 +233,14 @@ def test_lumped_masses():
         diagonal = check_mass(plane, lump).diagonal
         assert diagonal[:N].sum() == pytest.approx(bar.sum(), rel=1e-14)
         assert diagonal[N:].sum() == pytest.approx(3 * bar.sum(), rel=1e-14)
-        assert (
-            eig3.linear(plane, None, scipy.sparse.eye_array(2 * N), lump=lump, t_span=(0, 1)).integrate(h=0.1).success
-        )
+        lumped = eig3.linear(plane, None, scipy.sparse.eye_array(2 * N), lump=lump, t_span=(0, 1))
+        assert lumped.integrate(h=0.1, invariants={}).success
 
 
-def test_factors_of_a_mass_solve_in_place():
-    """A mass that is the same in each direction is factored for one of them.
-
-    `test_blocks_and_threads` has three directions, and `test_loads` has one.
-    """
-    rng, directions = np.random.default_rng(3), 2
+@pytest.mark.parametrize("directions", [1, 2, 3])
+def test_factors_of_a_mass_solve_in_place(directions):
+    """A mass that is the same in each direction is factored for one of them. Python runs the code here."""
+    rng = np.random.default_rng(3)
     random = scipy.sparse.random_array((40, 40), density=0.05, rng=rng)
     one = random @ random.T + scipy.sparse.eye_array(40)
     M = check_mass(scipy.sparse.kron(one, scipy.sparse.eye_array(directions)), None).matrix
@@ -252,7 +249,7 @@ def test_factors_of_a_mass_solve_in_place():
     assert {*np.diff(found.panels[:, 0])} == {1, 2, 4}
     b = rng.normal(size=40 * directions)
     x = b.copy()
-    solution(directions)(*found, x)
+    solution(directions).py_func(*found, x)
     np.testing.assert_allclose(M @ x, b, rtol=0, atol=1e-12)
 
 
@@ -437,7 +434,7 @@ def test_base_shear_drifts_and_absolute_motion():
     np.testing.assert_allclose(np.gradient(u[:, 0], run.t)[500], v[500, 0], rtol=1e-4)
 
 
-@pytest.mark.parametrize("options", [{"h": 1e-2, "save_every": 1}, {"rtol": 1e-6, "save_every": 1}])
+@pytest.mark.parametrize("options", [{"h": 1e-2, "save_every": 1}, {"rtol": 1e-6, "method": "rk8", "save_every": 1}])
 def test_the_absolute_motion_of_members_has_the_ground_of_each(options):
     """A structure that is at rest before its record moves in proportion to the record."""
     problem = eig3.linear(np.ones(N), None, stiffness(), t_span=(0, 1.5), ground=GROUND)
