@@ -91,7 +91,7 @@ def test_damping_ratios_are_those_asked_for():
 
 
 def test_modes_of_a_large_structure_are_those_of_the_closed_form():
-    n, mass, K = 1200, check_mass(np.ones(1200), None), stiffness(1200, 1.0)
+    n, mass, K = 600, check_mass(np.ones(600), None), stiffness(600, 1.0)
     expected = 2 * np.sin((2 * np.arange(n) + 1) * np.pi / (2 * (2 * n + 1)))
     np.testing.assert_allclose(natural_modes(mass, K, 5)[0], expected[:5], rtol=1e-8)
     assert highest_frequency(mass, K) == pytest.approx(expected[-1], rel=1e-8)
