@@ -172,7 +172,7 @@ def test_blocks_and_threads():
     run = problem.integrate(h=1e-3)
     np.testing.assert_allclose(run.a[0], expected, rtol=1e-12, atol=1e-10)
     power = v0 @ (C @ v0 + b * (K @ v0) + a * (full @ v0))
-    assert run.z["dissipated"][1] / run.h == pytest.approx(power, rel=1e-12)  # that of the first step
+    assert run.z["dissipated"][1] / run.h == pytest.approx(power, rel=1e-12)  # of the first step
     shared = eig3.linear(M, C, K, u0=u0, v0=v0, **options, threads=2)
     some = shared.integrate(h=run.h, t_end=0.33 + 50 * run.h).u
     np.testing.assert_array_equal(some, run.u[: len(some)])
