@@ -1,5 +1,6 @@
 """Threads that share the forces of a scene: they change no bit, and a run does not depend on their being there."""
 
+import ctypes
 import inspect
 import multiprocessing
 import re
@@ -15,6 +16,7 @@ from eig3 import effects
 from eig3.effects import Link
 from eig3.kernels import grains as kernel
 from eig3.kernels import neighbours
+from eig3.kernels.team import BOARD, TICKET
 from eig3.problems.flag import sheet
 from eig3.run import short
 from eig3.scene import Scene, codegen, grains_text, pair_force
@@ -271,19 +273,21 @@ def test_a_run_does_not_wait_for_threads_that_never_come(monkeypatch):
 
 
 def test_a_copy_of_the_parameters_has_no_team():
-    """Other threads evaluate on copies, while the run goes on with its team."""
+    """Other threads evaluate on copies, while the run goes on with its team. They post no job: the ticket stays 0."""
     problem = damped().problem((0.0, 0.3), threads=3)
-    stepper = problem.stepper(h=1e-3)
+    shares, stepper = problem.rhs.py_func.shares, problem.stepper(h=1e-3)
     expected = stepper.fork()
     expected.advance(400)
-    with team.team(problem.rhs.py_func.shares, stepper.params, 10), ThreadPoolExecutor(2) as pool:
+    with team.team(shares, stepper.params, 10), ThreadPoolExecutor(2) as pool:
+        ticket = ctypes.c_int64.from_address(int(stepper.params[shares.place + BOARD]) + 8 * TICKET)
         forks = [stepper.fork() for _ in range(2)]
         list(pool.map(lambda fork: fork.advance(400), forks))
+        assert ticket.value == 0
     for fork in forks:
         np.testing.assert_array_equal(fork.u, expected.u)
 
 
-def test_one_run_at_a_time_has_other_threads(counted):
+def test_one_run_at_a_time_has_other_threads_and_not_more_than_lists_have_parts(counted, monkeypatch):
     problem = damped().problem((0.0, 0.3), threads=2)
     expected = problem.integrate(h=1e-3)
     with ThreadPoolExecutor(4) as pool:
@@ -294,6 +298,8 @@ def test_one_run_at_a_time_has_other_threads(counted):
     with team.alone():
         problem.integrate(h=1e-3)
     members = problem.ensemble(v0=problem.v0 * np.linspace(0.5, 1, 3)[:, None], h=1e-3)
+    monkeypatch.setattr(team, "MOST_PARTS", 1)
+    problem.integrate(h=1e-3)
     assert not counted
     np.testing.assert_array_equal(members.u[-1, -1], expected.u[-1])
 
