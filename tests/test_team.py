@@ -283,6 +283,7 @@ def test_a_copy_of_the_parameters_has_no_team():
         forks = [stepper.fork() for _ in range(2)]
         list(pool.map(lambda fork: fork.advance(400), forks))
         assert ticket.value == 0
+    assert stepper.params[shares.place + BOARD] == 0
     for fork in forks:
         np.testing.assert_array_equal(fork.u, expected.u)
 
