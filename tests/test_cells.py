@@ -127,7 +127,7 @@ def test_an_angle_near_a_straight_line_is_well_conditioned():
     scene = Scene(3)
     scene.add(effect, *scene.mass(1.0, [(-1, 0, 0), (0, gap, 0), (1, 0, 0)]))
     problem = scene.problem((0, 1))
-    a = acceleration(problem, problem.u0, problem.v0).reshape(3, 3)
+    a = acceleration(problem, problem.u0, problem.v0, rhs=problem.rhs.py_func).reshape(3, 3)
     np.testing.assert_allclose(a[1], np.array([1, -2, 1]) * 2.0 * 2 * gap, rtol=1e-6)
     assert np.abs(a[0]).max() < 1e-15
 
@@ -294,7 +294,6 @@ def held_sheet(work):
     cells = sheet(4, 3)
     scene = Scene(3)
     cloth = scene.add_mesh(x, cells, StVenantKirchhoffMembrane(1e4, 0.3, 1e-3), density=300.0, fixed=[0, 1, 2])
-    scene.add(HingeBending(1e-3), *cloth[hinges(cells)])
     scene.add(WindPressure(1.2, (0.0, 2.0, 0.5)), *cloth[cells.T])
     scene.add(SupportMotion(swing, (0, 0.5, 1.0)), cloth[:3])
     scene.add(SupportMotion(swing, (0.2, 0.0, 0.0)), cloth[:2])
@@ -343,10 +342,10 @@ def test_wind_pushes_a_plate_across_it():
     points = scene.mass(2.0, [(0, 0, 0), (2, 0, 0), (0, 3, 0)])
     scene.add(WindPressure(1.2, (5.0, 0.0, -4.0), coefficient=1.1), *points)
     problem = scene.problem((0, 1))
-    a = acceleration(problem, problem.u0, problem.v0).reshape(3, 3)
+    a = acceleration(problem, problem.u0, problem.v0, rhs=problem.rhs.py_func).reshape(3, 3)
     np.testing.assert_allclose(a, np.outer([0, 0, -1], np.ones(3)) * 1.1 * 1.2 / 2 * 16 * 3 / 3 / 2, rtol=1e-14)
     drift = np.repeat([5.0, 0.0, -4.0], 3)
-    assert np.abs(acceleration(problem, problem.u0, drift)).max() < 1e-15
+    assert np.abs(acceleration(problem, problem.u0, drift, rhs=problem.rhs.py_func)).max() < 1e-15
 
 
 # Runs

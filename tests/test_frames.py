@@ -8,11 +8,10 @@ import pytest
 
 import eig3
 from eig3.effects import LinearDamper, LinearSpring
+from eig3.functions.events import Occurrences
 from eig3.scene import Scene
 
-from .conftest import coupled, first_position, oscillator, position
-
-START = (0, 5), [1.0, 2.0, 3.0], [0.0] * 3
+from .conftest import coupled, oscillator, position
 
 
 def with_outputs(run, **outputs):
@@ -25,7 +24,7 @@ def test_a_table_and_a_dataset_have_the_names_and_units_of_a_scene():
     pivot, masses = scene.fixed((0, 0)), scene.mass([1.0, 2.0], [(1, 0), (2, 0)])
     scene.add(LinearSpring(stiffness=100.0, rest_length=1.0), pivot, masses[0])
     scene.add(LinearDamper(1.0), masses[0], masses[1])
-    run = scene.problem((0, 0.1), work=True).integrate(h=1e-2)
+    run = scene.problem((0, 0.1), work=True).integrate(h=1e-2, invariants={})
     run = with_outputs(run, peak=run.u[:, 0] ** 2, reaction=run.u[:, :2])
     table, data = run.to_pandas(), run.to_xarray()
     names, velocities = ["x0", "x1", "y0", "y1"], ["v_x0", "v_x1", "v_y0", "v_y1"]
@@ -49,14 +48,14 @@ def test_a_table_and_a_dataset_have_the_names_and_units_of_a_scene():
 
 
 def test_units_of_each_degree_of_freedom():
-    run = eig3.problems.spring_pendulum().integrate(h=1e-2, t_end=0.1)
+    run = eig3.problems.spring_pendulum().integrate(h=1e-2, t_end=0.1, invariants={})
     assert run.to_pandas().attrs["units"] == {"u0": "m", "u1": "rad", "v0": "m/s", "v1": "rad/s"}
     assert (run.to_xarray().v.attrs["units"], list(run.to_xarray().dof)) == (["m/s", "rad/s"], [0, 1])
 
 
 def test_a_run_without_a_problem_has_plain_names_and_no_units():
     scalar = eig3.integrate(oscillator, (0, 1), 1.0, 0.0, h=0.1, params=(2.0, 0.1))
-    vector = eig3.integrate(coupled, *START, h=0.1, params=(1, 2, 3))
+    vector = eig3.integrate(coupled, (0, 1), [1.0, 2.0, 3.0], [0.0] * 3, h=0.1, params=(1, 2, 3))
     assert list(scalar.to_pandas().columns) == ["u0", "v0"]
     assert list(vector.to_pandas().columns) == ["u0", "u1", "u2", "v0", "v1", "v2"]
     assert scalar.to_pandas().attrs["units"] == {}
@@ -68,7 +67,8 @@ def test_a_run_without_a_problem_has_plain_names_and_no_units():
 def test_an_ensemble_is_a_dataset_over_its_members():
     problem = eig3.problems.spring_pendulum()
     u0 = np.array([[1.0, 0.1], [1.1, 0.2], [1.2, 0.3]])
-    together = problem.ensemble(h=1e-2, u0=u0, t_end=0.5, save_every=5)
+    options = {"u0": u0, "t_end": 0.5, "save_every": 5, "invariants": {}}
+    together = problem.ensemble(h=1e-2, **options)
     data = together.to_xarray()
     assert data.u.dims == ("member", "t", "dof")
     np.testing.assert_array_equal(data.v.sel(member=1), together[1].v)
@@ -77,7 +77,7 @@ def test_an_ensemble_is_a_dataset_over_its_members():
     assert data.status.values.tolist() == ["completed"] * 3
     assert together[1].to_pandas().attrs["units"]["v1"] == "rad/s"
 
-    steps = problem.ensemble(h=[1e-2, 2e-2, 5e-2], u0=u0, t_end=0.5, save_every=5)
+    steps = problem.ensemble(h=[1e-2, 2e-2, 5e-2], **options)
     data = steps.to_xarray()
     assert data.u.dims == ("member", "row", "dof")
     np.testing.assert_array_equal(data.t.sel(member=1), steps.t[1])
@@ -94,13 +94,13 @@ def test_names_that_clash_are_refused():
 
 
 def test_names_and_units_must_be_as_many_as_the_degrees_of_freedom():
-    problem = eig3.problems.spring_pendulum()
+    problem, options = eig3.problems.spring_pendulum(), {"h": 1e-2, "t_end": 0.1, "invariants": {}}
     for changes in ({"names": ("r",)}, {"units": ("m", "rad", "m")}):
-        run = problem.with_(**changes).integrate(h=1e-2, t_end=0.1)
+        run = problem.with_(**changes).integrate(**options)
         for convert in (run.to_pandas, run.to_xarray):
             with pytest.raises(ValueError, match="of the problem must have one entry for each of the 2 degrees"):
                 convert()
-    named = problem.with_(names=("r", "theta")).integrate(h=1e-2, t_end=0.1)
+    named = problem.with_(names=("r", "theta")).integrate(**options)
     assert list(named.to_pandas().columns) == ["r", "theta", "v_r", "v_theta"]
 
 
@@ -115,16 +115,14 @@ def test_without_the_extra_the_error_says_what_to_install(module, monkeypatch):
 def test_a_table_of_members_has_their_states_without_a_solution_for_each(monkeypatch):
     """Members that end early, and one whose last state is not one to save."""
     params = np.array([[1.0, 0.0], [2e4, 0.0], [2.0, 0.0]])
-    runs = eig3.ensemble(
-        oscillator, (0, 1), np.ones(3), 0.0, h=0.01, params=params, save_every=7, outputs={"x": position}
-    )
-    t, u, x = (np.concatenate([getattr(one, name) for one in runs]) for name in ("t", "u", "v"))
+    runs = eig3.ensemble(oscillator, (0, 1), np.ones(3), 0.0, h=0.01, params=params, save_every=7)
+    t, u, v = (np.concatenate([getattr(one, name) for one in runs]) for name in ("t", "u", "v"))
     member = np.repeat(np.arange(3), [len(one.t) for one in runs])
     assert runs._last
     monkeypatch.setattr(eig3.EnsembleSolution, "__getitem__", None)
     table = runs.to_pandas()
-    assert list(table.columns) == ["member", "t", "u0", "v0", "x"]
-    for name, values in (("member", member), ("t", t), ("u0", u), ("v0", x), ("x", u)):
+    assert list(table.columns) == ["member", "t", "u0", "v0"]
+    for name, values in (("member", member), ("t", t), ("u0", u), ("v0", v)):
         np.testing.assert_array_equal(table[name], values)
 
 
@@ -142,6 +140,7 @@ def test_a_summary_has_a_row_for_each_member_and_a_dataset_their_parameters():
     changes = {"h": [1.0, 4.0, 0.01], "c": [[9.0, 0.0], [9.0, 0.1], [9.0, 0.2]], "ends": [[-1, 2], [-1, 3], [-1, -4]]}
     runs = problem.ensemble(params=changes, **options)
     table, data = runs.summary(), runs.to_xarray()
+    np.testing.assert_array_equal(runs.to_pandas()["height"], np.concatenate([one.outputs["height"] for one in runs]))
     assert list(table.index) == [0, 1, 2]
     assert list(table.columns[:3]) == ["p.h", "c[1]", "ends[1]"]  # the others are the same in all members
     assert list(table["p.h"]) == [1.0, 4.0, 0.01]
@@ -187,11 +186,10 @@ def test_a_summary_without_names_numbers_the_parameters():
 
 def test_the_occurrences_of_an_event_as_a_table():
     """Columns have the names of a solution's table; a scalar form has one degree of freedom."""
-    ball = eig3.problems.bouncing_ball()
-    table = ball.integrate(h=1e-3).events["impact"].to_pandas()
-    assert list(table.columns) == ["t", "u0", "v0", "u0_after", "v0_after"]
-    np.testing.assert_allclose(table.v0_after, -ball.params[1] * table.v0, rtol=1e-12)
-    events = {"zero": eig3.Event(first_position)}
-    found = eig3.integrate(coupled, *START, h=0.1, params=(1, 2, 3), events=events).events["zero"].to_pandas()
-    assert len(found) > 0
-    assert found.shape[1] == 1 + 4 * 3
+    for n, shape in ((1, (4,)), (3, (4, 3))):
+        states = np.random.default_rng(n).normal(size=(4, *shape))
+        table = Occurrences(np.arange(4.0), *states).to_pandas()
+        names = [f"{x}{k}{after}" for after in ("", "_after") for x in "uv" for k in range(n)]
+        assert list(table.columns) == ["t", *names]
+        np.testing.assert_array_equal(table.t, np.arange(4.0))
+        np.testing.assert_array_equal(table[names], np.hstack(states.reshape(4, 4, n)))

@@ -12,7 +12,7 @@ import eig3
 from eig3.effects import Gap
 from eig3.structures.factors import copies_in, factors, solution
 from eig3.structures.matrices import check_mass
-from eig3.structures.modes import natural_modes
+from eig3.structures.modes import highest_frequency, natural_modes
 
 from .conftest import refusals
 
@@ -92,10 +92,10 @@ def test_damping_ratios_are_those_asked_for():
 
 
 def test_modes_of_a_large_structure_are_those_of_the_closed_form():
-    n, k = 1200, 1.0
-    omega, _ = natural_modes(check_mass(np.ones(n), None), stiffness(n, k), 5)
-    expected = 2 * np.sin((2 * np.arange(5) + 1) * np.pi / (2 * (2 * n + 1)))
-    np.testing.assert_allclose(omega, expected, rtol=1e-8)
+    n, mass, K = 600, check_mass(np.ones(600), None), stiffness(600, 1.0)
+    expected = 2 * np.sin((2 * np.arange(n) + 1) * np.pi / (2 * (2 * n + 1)))
+    np.testing.assert_allclose(natural_modes(mass, K, 5)[0], expected[:5], rtol=1e-8)
+    assert highest_frequency(mass, K) == pytest.approx(expected[-1], rel=1e-8)
 
 
 def test_modes_of_a_shear_building():
@@ -170,7 +170,7 @@ def push(t, u, v, p, out):
 
 def test_blocks_and_threads():
     """Matrices of blocks give the accelerations of NumPy, and threads change no bit of them."""
-    edge = 3
+    edge = 2
     n, block = N * edge, np.eye(edge) + 0.3
     K, C = scipy.sparse.kron(stiffness(), block), scipy.sparse.kron(0.01 * stiffness(), block)
     M, damping = scipy.sparse.kron(consistent(), scipy.sparse.eye_array(edge)), eig3.Rayleigh(0.05, 1.0, 10.0)
@@ -185,7 +185,7 @@ def test_blocks_and_threads():
     run = problem.integrate(h=1e-3)
     np.testing.assert_allclose(run.a[0], expected, rtol=1e-12, atol=1e-10)
     power = v0 @ (C @ v0 + b * (K @ v0) + a * (full @ v0))
-    assert run.z["dissipated"][1] / 1e-3 == pytest.approx(power, rel=0.05)  # the mean of a step
+    assert run.z["dissipated"][1] / run.h == pytest.approx(power, rel=1e-12)  # of the first step
     shared = eig3.linear(M, C, K, u0=u0, v0=v0, **options, threads=2)
     some = shared.integrate(h=run.h, t_end=0.33 + 50 * run.h).u
     np.testing.assert_array_equal(some, run.u[: len(some)])
@@ -225,7 +225,7 @@ def test_loads(mass):
     else:
         f[5] = -1e3 * max(U0[5] - 0.1, 0.0)
     expected = np.linalg.solve(full, f - K @ U0 - (a * full + b * K) @ V0) - influence * np.interp(t, *GROUND)
-    run = problem.with_(t_span=(t, 2.0)).integrate(h=1e-3, method="rk8")
+    run = problem.with_(t_span=(t, 2.0)).integrate(h=1e-3, method="rk4")
     np.testing.assert_allclose(run.a[0], expected, rtol=1e-12, atol=1e-12)
     # the record has corners between the steps, of which each costs h^2
     assert run.drift["energy"] < 1e-6 * problem.energy_of(U0, V0)
@@ -246,17 +246,14 @@ def test_lumped_masses():
         diagonal = check_mass(plane, lump).diagonal
         assert diagonal[:N].sum() == pytest.approx(bar.sum(), rel=1e-14)
         assert diagonal[N:].sum() == pytest.approx(3 * bar.sum(), rel=1e-14)
-        assert (
-            eig3.linear(plane, None, scipy.sparse.eye_array(2 * N), lump=lump, t_span=(0, 1)).integrate(h=0.1).success
-        )
+        lumped = eig3.linear(plane, None, scipy.sparse.eye_array(2 * N), lump=lump, t_span=(0, 1))
+        assert lumped.integrate(h=0.1, invariants={}).success
 
 
-def test_factors_of_a_mass_solve_in_place():
-    """A mass that is the same in each direction is factored for one of them.
-
-    `test_blocks_and_threads` has three directions, and `test_loads` has one.
-    """
-    rng, directions = np.random.default_rng(3), 2
+@pytest.mark.parametrize("directions", [1, 2, 3])
+def test_factors_of_a_mass_solve_in_place(directions):
+    """A mass that is the same in each direction is factored for one of them. Python runs the code here."""
+    rng = np.random.default_rng(3)
     random = scipy.sparse.random_array((40, 40), density=0.05, rng=rng)
     one = random @ random.T + scipy.sparse.eye_array(40)
     M = check_mass(scipy.sparse.kron(one, scipy.sparse.eye_array(directions)), None).matrix
@@ -265,7 +262,7 @@ def test_factors_of_a_mass_solve_in_place():
     assert {*np.diff(found.panels[:, 0])} == {1, 2, 4}
     b = rng.normal(size=40 * directions)
     x = b.copy()
-    solution(directions)(*found, x)
+    solution(directions).py_func(*found, x)
     np.testing.assert_allclose(M @ x, b, rtol=0, atol=1e-12)
 
 
@@ -394,7 +391,7 @@ EXACT = {
 def test_the_exact_motion_by_modes_is_that_of_small_steps(mass, given):
     """RK8 keeps its order: its steps end at the corners of the records."""
     problem = eig3.linear(MASSES[mass], None, stiffness(), t_span=(0, 1), u0=U0, v0=V0, **given)
-    run = problem.integrate(h=0.001, method="rk8")
+    run = problem.integrate(h=0.001, method="rk8", invariants={})
     u, v = problem.exact(run.t)
     np.testing.assert_allclose(u, run.u, rtol=0, atol=1e-11 * np.abs(u).max())
     np.testing.assert_allclose(v, run.v, rtol=0, atol=1e-11 * np.abs(v).max())
@@ -492,7 +489,7 @@ def test_base_shear_drifts_and_absolute_motion():
     np.testing.assert_allclose(np.gradient(u[:, 0], run.t)[500], v[500, 0], rtol=1e-4)
 
 
-@pytest.mark.parametrize("options", [{"h": 1e-2, "save_every": 1}, {"rtol": 1e-6, "save_every": 1}])
+@pytest.mark.parametrize("options", [{"h": 1e-2, "save_every": 1}, {"rtol": 1e-6, "method": "rk8", "save_every": 1}])
 def test_the_absolute_motion_of_members_has_the_ground_of_each(options):
     """A structure that is at rest before its record moves in proportion to the record."""
     problem = eig3.linear(np.ones(N), None, stiffness(), t_span=(0, 1.5), ground=GROUND)

@@ -75,7 +75,8 @@ def test_stiff_hinges_are_a_rigid_frame():
     runs = []
     for frame in (portal(), portal(law, law)):
         problem = frame.problem((0, 2), ground=ground, damping=eig3.Rayleigh(0.05, modes=(1, 3)))
-        runs.append(problem.integrate(rtol=1e-8, t_eval=np.linspace(0, 2, 41)).u[:, :6])
+        # stable up to 2.6e-5 s with stiff hinges
+        runs.append(problem.integrate(h=2e-5, t_eval=np.linspace(0, 2, 41)).u[:, :6])
     np.testing.assert_allclose(runs[1], runs[0], rtol=0, atol=2e-3 * np.abs(runs[0]).max())
 
 

@@ -100,25 +100,16 @@ def test_members_are_single_runs(kind):
 
 
 def test_blocks():
-    """A chain of points that move in three directions, with K of blocks."""
-    edge = 3
-    rng = np.random.default_rng(edge)
-    n, k = 2 * edge, np.zeros((2 * edge, 2 * edge))
-    for point in range(2):
-        full = rng.normal(size=(edge, edge))
-        own = slice(edge * point, edge * (point + 1))
-        k[own, own] += 30 * (full @ full.T + np.eye(edge))
-        if point:
-            before = slice(edge * (point - 1), edge * point)
-            k[own, before] -= 3 * np.ones((edge, edge))
-            k[before, own] -= 3 * np.ones((edge, edge))
-    problem = eig3.linear(
-        np.ones(n), None, k, damping=eig3.Rayleigh(0.05, 3.0, 15.0), ground=(T, np.sin(4 * T)), t_span=(0, 4)
-    )
+    """Two points that move in two directions, with K of blocks."""
+    edge = 2
+    full = np.random.default_rng(edge).normal(size=(2 * edge, 2 * edge))
+    k = 30 * (full @ full.T + np.eye(2 * edge))
+    problem = eig3.linear(np.ones(2 * edge), None, k, damping=eig3.Rayleigh(0.05, 3.0, 15.0), t_span=(0, 4))
     assert problem.params.K.edge == edge
-    members = problem.ensemble(params={"ground_scale": SCALES}, h=0.01)
+    starts = np.random.default_rng(1).normal(size=(40, 2 * edge))
+    members = problem.ensemble(u0=starts, h=0.01)
     assert members.notes == ()
-    run = problem.with_(params=problem.params._replace(ground_scale=SCALES[7])).integrate(h=0.01)
+    run = problem.with_(u0=starts[7]).integrate(h=0.01)
     np.testing.assert_allclose(members.u[7, -1], run.u[-1], rtol=0, atol=1e-11)
 
 
@@ -160,8 +151,8 @@ def test_a_first_passage_ends_members_in_lanes():
 
 
 def test_structures_of_other_patterns_do_not_share_code():
-    for ends in ((0, 2), (1, 3)):
-        problem = eig3.linear(M, None, K, t_span=(0, 4), ground=GROUND, links=[(LinearSpring(5.0), *ends)])
-        members = problem.ensemble(params={"ground_scale": SCALES}, h=0.01)
-        run = problem.with_(params=problem.params._replace(ground_scale=SCALES[7])).integrate(h=0.01)
+    for ends in ((0, 2), (1, None)):
+        problem = eig3.linear(M[:3], None, K[:3, :3], t_span=(0, 4), v0=M[:3], links=[(LinearSpring(5.0), *ends)])
+        members = problem.ensemble(v0=np.multiply.outer(SCALES, M[:3]), h=0.01)
+        run = problem.with_(v0=SCALES[7] * M[:3]).integrate(h=0.01)
         np.testing.assert_allclose(members.u[7, -1], run.u[-1], rtol=0, atol=1e-12)

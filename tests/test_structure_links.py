@@ -242,11 +242,6 @@ def test_backbone_curves_of_each_link():
     np.testing.assert_allclose(one.a[0], (acting - K @ u0) / M, rtol=0, atol=1e-12)
 
 
-def test_threads_change_no_bit():
-    runs = [structure(LINKS[:1], False, threads=threads).integrate(h=5e-3, t_end=0.5) for threads in (1, 2)]
-    np.testing.assert_array_equal(runs[0].u, runs[1].u)
-
-
 def test_modes_are_without_links():
     problem = structure()
     assert not problem.exact

@@ -1,5 +1,6 @@
 """Threads that share the forces of a scene: they change no bit, and a run does not depend on their being there."""
 
+import ctypes
 import inspect
 import multiprocessing
 import re
@@ -15,6 +16,7 @@ from eig3 import effects
 from eig3.effects import Link
 from eig3.kernels import grains as kernel
 from eig3.kernels import neighbours
+from eig3.kernels.team import BOARD, TICKET
 from eig3.problems.flag import sheet
 from eig3.run import short
 from eig3.scene import Scene, codegen, grains_text, pair_force
@@ -115,12 +117,14 @@ def of_cells():
 ROUGH = effects.HertzMindlin(E=300.0, nu=0.3, contact_distance=1.0, friction=0.5, restitution=0.7)
 
 
-def of_grains():
+def of_grains(alone=False):
     """Discs that roll and slide on one another and on fixed ones, in no order, beside springs and other contacts."""
     x, v = cloud()
     scene = Scene(2)
     grains = scene.mass(np.linspace(0.5, 2, len(x)), x, v, inertia=0.1, angular_velocity=np.linspace(-3, 3, len(x)))
     scene.add(replace(ROUGH, contact_distance=np.linspace(0.9, 1.1, len(x))), grains)
+    if alone:
+        return scene
     scene.add(ROUGH, grains, others=scene.fixed(WALL))
     scene.add(effects.LinearSpring(50.0, 1.0), grains[:50], grains[50:100])
     scene.add(effects.HertzContact(10.0, 1.3), grains, exclude_bonded=("1-2",))
@@ -147,17 +151,16 @@ def test_threads_change_no_bit(make, counted, monkeypatch):
     monkeypatch.setattr(codegen, "_SHARED_CELLS", 10**9)
     alone = make().problem((0.0, 0.5))
     assert not hasattr(alone.rhs.py_func, "shares")
-    compute = acceleration if make is of_grains else by_python
     for t, u, v in zip(run.t[::2], run.u[::2], run.v[::2], strict=True):
-        found, expected = acceleration(shared, u, v, t), compute(alone, u, v, t=t)
+        found, expected = acceleration(shared, u, v, t), by_python(alone, u, v, t=t)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
 def test_points_in_no_order_are_sorted_by_their_places(monkeypatch):
     """This is seen in the order of the list only. The forces differ by the order of rounding."""
-    given = of_grains().problem((0.0, 0.5), threads=2)
+    given = of_grains(alone=True).problem((0.0, 0.5), threads=2)
     monkeypatch.setattr(pair_force, "_JUMP", 3.0)
-    sorted_ = [of_grains().problem((0.0, 0.5), threads=threads) for threads in (1, 2)]
+    sorted_ = [of_grains(alone=True).problem((0.0, 0.5), threads=threads) for threads in (1, 2)]
     (place,) = re.findall(r"int64\((\d+)\)\n    add_forces\(share, lists, 0,", inspect.getsource(given.rhs.py_func))
     for problem, is_sorted in ((given, False), (sorted_[0], True)):
         areas = neighbours.Areas(*problem.params[int(place) + neighbours.HEAD :][:15].astype(int))
@@ -203,7 +206,7 @@ def test_springs_of_a_part_without_room_are_written_in_turn(monkeypatch):
     np.testing.assert_array_equal(runs[0], runs[2])
 
 
-@pytest.mark.parametrize("options", [{"h": 1e-3}, {"rtol": 1e-6}, {"h": 1e-3, "inline": True}])
+@pytest.mark.parametrize("options", [{"h": 1e-3}, {"rtol": 1e-6, "method": "rk5"}, {"h": 1e-3, "inline": True}])
 def test_all_kinds_of_runs_have_the_same_bits(options, tmp_path):
     def fallen(t, u, v, p):
         return u[150 + 7] + 1.0
@@ -270,19 +273,22 @@ def test_a_run_does_not_wait_for_threads_that_never_come(monkeypatch):
 
 
 def test_a_copy_of_the_parameters_has_no_team():
-    """Other threads evaluate on copies, while the run goes on with its team."""
+    """Other threads evaluate on copies, while the run goes on with its team. They post no job: the ticket stays 0."""
     problem = damped().problem((0.0, 0.3), threads=3)
-    stepper = problem.stepper(h=1e-3)
+    shares, stepper = problem.rhs.py_func.shares, problem.stepper(h=1e-3)
     expected = stepper.fork()
     expected.advance(400)
-    with team.team(problem.rhs.py_func.shares, stepper.params, 10), ThreadPoolExecutor(2) as pool:
+    with team.team(shares, stepper.params, 10), ThreadPoolExecutor(2) as pool:
+        ticket = ctypes.c_int64.from_address(int(stepper.params[shares.place + BOARD]) + 8 * TICKET)
         forks = [stepper.fork() for _ in range(2)]
         list(pool.map(lambda fork: fork.advance(400), forks))
+        assert ticket.value == 0
+    assert stepper.params[shares.place + BOARD] == 0
     for fork in forks:
         np.testing.assert_array_equal(fork.u, expected.u)
 
 
-def test_one_run_at_a_time_has_other_threads(counted):
+def test_one_run_at_a_time_has_other_threads_and_not_more_than_lists_have_parts(counted, monkeypatch):
     problem = damped().problem((0.0, 0.3), threads=2)
     expected = problem.integrate(h=1e-3)
     with ThreadPoolExecutor(4) as pool:
@@ -293,6 +299,8 @@ def test_one_run_at_a_time_has_other_threads(counted):
     with team.alone():
         problem.integrate(h=1e-3)
     members = problem.ensemble(v0=problem.v0 * np.linspace(0.5, 1, 3)[:, None], h=1e-3)
+    monkeypatch.setattr(team, "MOST_PARTS", 1)
+    problem.integrate(h=1e-3)
     assert not counted
     np.testing.assert_array_equal(members.u[-1, -1], expected.u[-1])
 

@@ -119,9 +119,9 @@ class March:
         self.first_acceleration = a
         self.counters = np.zeros(system.counters_size)
         self.counters[TIME] = t0
-        self._use(system.kernels.get(n) or self._compiled(system.method))
         if system.ignores_velocity and system.callback.reads_velocity:
-            self._check_velocity(a)
+            self._check_velocity(a)  # before its kernels compile
+        self._use(system.kernels.get(n) or self._compiled(system.method))
         self.look = Observer(system, times, n, self._work_rows()) if system.looks else None
         if self.look:
             self.look.begin(self.counters, t0, u, v, params)
