@@ -88,14 +88,15 @@ def compile_for(function: Jitted, arguments: tuple) -> None:
 def _in_one_block(call: Callable, *arguments: Any) -> None:
     """Call a function, such that all calls within it have their frames in one block of memory.
 
-    Python's frames are in blocks of 16 KiB. Where a loop is at the end of a block, each call in it asks the system for
-    a further block, and returns it. The calls of a compiler reach the ends of many blocks: it would take 5 to 15 %
-    longer, depending on the depth of the call. Here, a frame of 1 MiB of which nothing is used gets a block of 2 MiB.
+    From version 3.11 on, Python's frames are in blocks of 16 KiB. Where a loop is at the end of a block, each call in
+    it asks the system for a further block, and returns it. The calls of a compiler reach the ends of many blocks: it
+    would take 5 to 15 % longer, depending on the depth of the call. Here, a frame of 1 MiB of which nothing is used
+    gets a block of 2 MiB.
     """
     call(*arguments)
 
 
-if "frames" in PATCHES:
+if "frames" in PATCHES and sys.version_info >= (3, 11):
     _in_one_block.__code__ = _in_one_block.__code__.replace(co_stacksize=2**17)
 
 
