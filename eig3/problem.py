@@ -178,17 +178,22 @@ class Problem:
             own["events"] = params.layout.bind_all(own["events"])
         for name, value in own.items():
             object.__setattr__(self, name, value)  # the dataclass is frozen
-        self._check_params(own["params"])
+        if self._check_of_params:
+            self._check_of_params(own["params"])
 
-    def _check_params(self, params: Any) -> None:
-        """Check parameters that belong together, in a kind of problems that has them."""
+    @property
+    def _check_of_params(self) -> Callable[[Any], None] | None:
+        """The function that checks whether parameters belong together, in a kind of problems that needs it."""
+        return None
 
     def _check_members(self, params: OfMembers) -> None:
         """Check the parameters of the first member, or of all members if they have different whole numbers."""
-        layout = self.params.layout
+        check, layout = self._check_of_params, self.params.layout
+        if check is None:
+            return
         is_whole = any(layout.kinds[layout.names.index(name)].is_whole for name in params.own)
         for p in params.flat[: None if is_whole else 1]:
-            self._check_params(layout.read(p))
+            check(layout.read(p))
 
     @property
     def _layout(self) -> Layout | None:
@@ -293,7 +298,7 @@ class Problem:
         form = SCALAR if np.ndim(self.u0) == 0 else VECTOR
         start = self.t_span, self.u0, self.v0, self.params
         z = self.unknowns.joined(self.z0) if self.z0 else None
-        return Prepared(self.rhs, form, run_options(self._layout, **options), start, z)
+        return Prepared(self.rhs, form, run_options(self._layout, **options), start, z, self._check_of_params)
 
     def load(
         self,
@@ -572,6 +577,7 @@ class Problem:
         planes of a scene, or a field over space. Without a view, the picture shows the degrees of freedom against time.
         With `limits`, `camera` or `color`, it shows the points that `show` has too, as `eig3.animation.Mechanism`.
         """
+        self._check_own(solution)
         has_seconds = self.energy_unit != "-"  # without units, the time has no unit either
         look = {"limits": limits, "camera": camera, "color": color}
         options: dict[str, Any] = {"name": self.name, "look": look, "has_seconds": has_seconds, "t_end": t_end}
@@ -621,9 +627,16 @@ class Problem:
         """
         from .view import show
 
+        self._check_own(solution)
         has_seconds = self.energy_unit != "-"
         look = {"limits": limits, "camera": camera, "color": color}
         return show(self.view, solution, path, name=self.name, look=look, has_seconds=has_seconds, t_end=t_end)
+
+    def _check_own(self, solution: Any) -> None:
+        """Refuse a solution of another problem, with another number of degrees of freedom."""
+        own = np.shape(self.u0)
+        if isinstance(solution, Solution) and (given := solution.u.shape[1:]) != own:
+            raise ValueError(f"solution must be a run of {self.name}, with states of the shape {own}, not {given}.")
 
     def export(
         self,
@@ -679,8 +692,11 @@ class Problem:
         """
         from .files import export
 
+        geometry = self.shown_geometry
+        if geometry is not None:
+            self._check_own(solution)
         options: dict[str, Any] = {"types": types, "scale": scale, "every": every, "progress": progress}
-        return export(self.shown_geometry, solution, path, **options, name=self.name)
+        return export(geometry, solution, path, **options, name=self.name)
 
     @property
     def shown_geometry(self) -> Geometry | None:

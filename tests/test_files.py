@@ -440,6 +440,14 @@ def test_an_interrupted_file_is_not_left(atoms, tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["run.dump"]
 
 
+@pytest.mark.parametrize("write", ["animate", "show", "export"])
+def test_a_run_of_another_problem_is_refused(tmp_path, write):
+    """The angle of an oscillator would be drawn as a pendulum."""
+    run = duffing().integrate(h=0.1, t_end=1.0)
+    with pytest.raises(ValueError, match=r"solution must be a run of double_pendulum, with .* \(2,\), not \(\)\.$"):
+        getattr(double_pendulum(), write)(run, tmp_path / "a.html")
+
+
 def test_bad_exports_are_refused(atoms, tmp_path, monkeypatch):
     problem, solution, *_ = atoms
 

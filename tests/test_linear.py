@@ -352,6 +352,12 @@ test_changed_parameters = refusals(
 )
 
 
+def test_changed_parameters_of_a_prepared_run():
+    run = pickle.loads(pickle.dumps(loaded().prepare(h=0.01)))
+    with pytest.raises(ValueError, match="ground must have a finite value for each of its 11"):
+        run(params=loaded().params._replace(ground=GROUND[1][:7]))
+
+
 @pytest.mark.parametrize("given", [{"rtol": 1e-6}, {"accuracy": 1e-4}])
 def test_no_step_jumps_over_a_blow(given):
     """The record is padded with zeros. Between blows the motion is smooth: the steps were a hundred times as long as a

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from os import PathLike
 from typing import Any
@@ -54,9 +54,15 @@ class Prepared:
 
     @with_solution
     def __init__(
-        self, rhs: Any, form: Form, options: RunOptions, defaults: tuple = (), z0: np.ndarray | None = None
+        self,
+        rhs: Any,
+        form: Form,
+        options: RunOptions,
+        defaults: tuple = (),
+        z0: np.ndarray | None = None,
+        params_check: Callable[[Any], None] | None = None,
     ) -> None:
-        self._defaults, self._z0, layout = defaults, z0, options.layout
+        self._defaults, self._z0, self._params_check, layout = defaults, z0, params_check, options.layout
         unknowns = options.first_order
         rhs = unknowns.bind_rhs(rhs) if unknowns.is_read else rhs
         rhs = layout.bind(rhs) if layout else rhs
@@ -138,7 +144,9 @@ class Prepared:
         if z0 is not None or self._system.first_order.names:
             u, v = self._with_first_order(u, v, z0)
         if self.options.layout or (type(params) not in WITHOUT_NAMES and has_names(params)):
-            params = in_layout(self.options.layout, params)
+            given, params = params, in_layout(self.options.layout, params)
+            if self._params_check and given is not self._defaults[3]:
+                self._params_check(params)
         start = check_span(span), u, v, guarded(check_params(params))
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
         solution = self._if_short(*start) if is_plain else None
@@ -242,7 +250,8 @@ class Prepared:
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:
-        return Prepared, (self._system.rhs, self._system.form, self.options, self._defaults, self._z0)
+        given = self._defaults, self._z0, self._params_check
+        return Prepared, (self._system.rhs, self._system.form, self.options, *given)
 
 
 @with_solution

@@ -50,7 +50,7 @@ def check_table(force: Any, n: int) -> dict[str, Any]:
     return {"force_times": times, "forces": values, "degrees": degrees.astype(np.int64), "force_scale": 1.0}
 
 
-def check_together(has: dict[str, Any], n: int) -> None:
+def check_together(params: Any, n: int) -> None:
     """Check that the parameters of a structure, which a user has changed, belong together.
 
     Raises
@@ -58,6 +58,7 @@ def check_together(has: dict[str, Any], n: int) -> None:
     TypeError, ValueError
         If a record has not one value for each of its times, or another array has another size than the structure needs.
     """
+    has = params._asdict()
     if has["size"] != n:
         raise ValueError(f"params are of a structure with {has['size']} degrees of freedom, and not {n}: make another.")
     if "ground" in has:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Callable
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -31,8 +32,9 @@ class Structure(Problem):
     def _shortest_load(self) -> float:
         return shortest_load(self.params._asdict())
 
-    def _check_params(self, params: Any) -> None:
-        check_together(params._asdict(), np.size(self.u0))
+    @property
+    def _check_of_params(self) -> Callable[[Any], None]:
+        return partial(check_together, n=np.size(self.u0))
 
     def modes(self, count: int, *, influence: ArrayLike | None = None) -> Modes:
         """Return the lowest natural modes without damping.
