@@ -633,9 +633,10 @@ class Problem:
         return show(self.view, solution, path, name=self.name, look=look, has_seconds=has_seconds, t_end=t_end)
 
     def _check_own(self, solution: Any) -> None:
-        """Refuse a solution of another problem, with another number of degrees of freedom."""
-        own = np.shape(self.u0)
-        if isinstance(solution, Solution) and (given := solution.u.shape[1:]) != own:
+        """Refuse a solution of another problem, with another number of degrees of freedom, if this one shows points."""
+        own, has_points = np.shape(self.u0), self.view and self.shown_geometry
+        if has_points and isinstance(solution, Solution) and solution.u.shape[1:] != own:
+            given = solution.u.shape[1:]
             raise ValueError(f"solution must be a run of {self.name}, with states of the shape {own}, not {given}.")
 
     def export(
@@ -692,11 +693,9 @@ class Problem:
         """
         from .files import export
 
-        geometry = self.shown_geometry
-        if geometry is not None:
-            self._check_own(solution)
+        self._check_own(solution)
         options: dict[str, Any] = {"types": types, "scale": scale, "every": every, "progress": progress}
-        return export(geometry, solution, path, **options, name=self.name)
+        return export(self.shown_geometry, solution, path, **options, name=self.name)
 
     @property
     def shown_geometry(self) -> Geometry | None:
