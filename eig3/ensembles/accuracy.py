@@ -72,10 +72,7 @@ def reach_members(
     stalled, reason = 0, f"{MOST_RUNS} runs were not enough"
     for _ in range(MOST_RUNS):
         before = deadline.spent
-        solution = run(
-            options._replace(tolerances=options.tolerances._replace(rtol=rtol)),
-            deadline if goal.max_seconds < np.inf else cancel,
-        )
+        solution = run(options._replace(tolerances=options.tolerances._replace(rtol=rtol)), deadline.of_runs)
         if solution.error.is_interrupted and best and deadline.has_passed:
             reason = deadline.reason(0.0)
             break

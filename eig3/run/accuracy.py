@@ -112,6 +112,11 @@ class Deadline:
         return self.has_passed or (self._cancel is not None and self._cancel.is_set())
 
     @property
+    def of_runs(self) -> Cancel | None:
+        """The `cancel` to give to the runs. Without `max_seconds`, it is what the user gave."""
+        return self if self._seconds < math.inf else self._cancel
+
+    @property
     def spent(self) -> float:
         return max(0.0, perf_counter() - self._begin)
 
@@ -205,7 +210,7 @@ def reach(
     knob = "rtol" if method is None or isinstance(method, WITH_TOLERANCES) else "h"
     raises, key = bool(of_call.get("raise_on_failure")), (method, *sorted(goal.wanted.items()), goal.scale)
     deadline = Deadline(goal, of_call.get("cancel"))
-    cancel = deadline if goal.max_seconds < math.inf else of_call.get("cancel")
+    cancel = deadline.of_runs
     first = of_call | {"check": False, "raise_on_failure": False, "cancel": cancel}
     known, search = learned(rhs), _Search(goal, knob, deadline)
     value, coarser, is_first = known.get(key) or (search.first(start[0]), search.coarser, True)
