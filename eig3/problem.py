@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -718,7 +719,7 @@ class Problem:
         rows = [(name, brief(getattr(self, name)), units.get(name, "")) for name in _SHOWN]
         return facts(f"{type(self).__name__}: {self.name}", [row for row in rows if row[1]])
 
-    @property
+    @cached_property
     def uses_velocity(self) -> bool:
         """Whether rhs may read v. If not, "cd" takes one evaluation per step, and "eig3" uses fewer arrays."""
         return reads_velocity(self.rhs)

@@ -104,10 +104,18 @@ def steps_of_rk4(f, u, v, h, count):
 def test_derivatives_converge_to_the_closed_forms_to_the_order_of_the_method(method, order):
     errors = []
     for h in (0.05, 0.025):
-        found = eig3.sensitivities(OSCILLATOR, TRUE, h=h, method=method)
+        found = eig3.sensitivities(OSCILLATOR, TRUE, h=h, method=method, save_every=2, check=True)
         exact = [complex_step(partial(motion, found.t), TRUE, name) for name in TRUE]
         errors.append(np.abs(found.derivatives.u - exact).max(axis=1))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.2)
+    estimates = np.abs(found.step_errors.u).max(axis=1)
+    assert estimates == pytest.approx(errors[1], rel=0.1)  # Richardson's estimate has a relative error of the size of h
+
+
+def test_the_step_is_halved_where_it_does_not_divide_the_span():
+    """The same times, with 7 and 14 steps. Half of the given step would need 13 steps."""
+    found = eig3.sensitivities(OSCILLATOR, "k", h=1.6, t_end=10.0, method="rk4", check=True)
+    assert found.t.shape == found.step_errors.u[0].shape == (8,)
 
 
 EIGHTHS = st.integers(-16, 16).map(lambda i: i / 8)
@@ -229,8 +237,10 @@ def test_a_member_that_diverges_is_named():
 def test_the_picture_of_sensitivities_in_text_has_sizes_and_errors():
     found = eig3.sensitivities(OSCILLATOR, ["k", "c"], h=0.02, save_every=10)
     line = r"  k = 4: \|du/dk\| is at most 0\.\d+; error of differences \de-0\d\n  c = 0\.2: .*\n"
-    last = r"  The error of the steps is not in these: compare with the derivatives for h / 2\."
+    last = r"  The error of the steps is not in these: check=True estimates it\."
     assert re.fullmatch(rf"Sensitivities at 51 times:\n{line}{last}", repr(found))
+    found = eig3.sensitivities(OSCILLATOR, ["k", "c"], h=0.02, save_every=10, check=True)
+    assert re.search(r"k = 4: .*; error of differences \de-0\d, of the steps 0\.00\d\n", repr(found))
     with pytest.raises(KeyError, match="no kk: did you mean k"):
         found["kk"]
 
@@ -306,6 +316,19 @@ def test_a_fit_to_exact_data_finds_the_parameters_and_the_start():
     assert (result.problem.u0, result.problem.v0) == (result.values["u0"], result.values["v0"])
     assert np.abs(result.residuals["u"]).max() < 1e-9
     assert result.n_runs > 17
+
+
+@pytest.mark.parametrize("steps", [{"h": 0.05}, {"h": 0.07}, {"rtol": 1e-5}, {"rtol": 1e-5, "atol": [[1e-6], [1e-5]]}])
+def test_the_time_steps_shift_the_parameters_by_their_error(steps):
+    """The data are exact. The estimate is of the first order in h, and errors are only about in proportion to rtol."""
+    data = TIMES, motion(TIMES, **TRUE).real
+    result = eig3.fit(OSCILLATOR, data, TRUE, {"u0": (1.0, 1.0)}, **steps)
+    for name in ("k", "c", "v0"):
+        assert result.step_errors[name] == pytest.approx(abs(result.values[name] - TRUE[name]), rel=0.4)
+    assert np.isnan(result.step_errors["u0"])
+    assert "The time steps shift k, c" in result.message
+    noisy = eig3.fit(OSCILLATOR, data, TRUE, sigma=1.0, h=0.05)
+    assert "shift" not in noisy.message
 
 
 def test_a_fit_takes_several_series_with_times_of_their_own():

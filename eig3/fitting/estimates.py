@@ -72,3 +72,11 @@ def loose_note(names: Sequence[str], is_loose: np.ndarray) -> str:
     if len(loose) == 1:
         return f" The data do not depend on {loose[0]}: leave it out of parameters."
     return f" The data do not tell {', '.join(loose[:-1])} and {loose[-1]} apart: leave one of them out of parameters."
+
+
+def steps_note(names: Sequence[str], shifts: np.ndarray, errors: np.ndarray) -> str:
+    """Return a sentence about parameters that the time steps shift by more than their errors; empty if none are."""
+    shifted = [name for name, shift, error in zip(names, shifts, errors, strict=True) if shift > error]
+    if not shifted:
+        return ""
+    return f" The time steps shift {', '.join(shifted)} by more than the standard errors: take a smaller h or rtol."

@@ -20,7 +20,7 @@ from ..methods import Method
 from ..notebook import of_repr
 from ..problem import Problem
 from .data import Series, check_data
-from .estimates import correlation, covariance, is_doubtful, loose_note
+from .estimates import correlation, covariance, is_doubtful, loose_note, steps_note
 from .model import Model
 from .picture import save
 from .places import Place, changed, check_places, sizes
@@ -47,6 +47,9 @@ class Fit:
     values, errors : dict of str to float
         The parameters and their standard errors, by name. An error is NaN for a parameter at a bound, and infinite if
         the data do not determine the parameter.
+    step_errors : dict of str to float
+        By how much the time steps of the runs shift each parameter, estimated to the first order; NaN for a parameter
+        that is held or not determined.
     covariance, correlation : ndarray, shape (p, p)
         The matrices of the parameters, in the order of `values`.
     residuals : dict of str to ndarray
@@ -69,6 +72,7 @@ class Fit:
 
     values: dict[str, float]
     errors: dict[str, float]
+    step_errors: dict[str, float]
     covariance: np.ndarray
     correlation: np.ndarray
     residuals: dict[str, np.ndarray]
@@ -110,7 +114,9 @@ class Fit:
     def __repr__(self) -> str:
         n_data = sum(np.count_nonzero(~np.isnan(x)) for x in self.residuals.values())
         lines = [f"Fit of {len(self.values)} parameters to {n_data} values, with {self.n_runs} runs:"]
-        lines += [f"  {_with_error(name, value, self.errors[name])}" for name, value in self.values.items()]
+        for name, value in self.values.items():
+            by_steps = f"; error of the steps {self.step_errors[name]:.1g}" if name not in self.at_bound else ""
+            lines.append(f"  {_with_error(name, value, self.errors[name])}{by_steps}")
         return "\n".join([*lines, f"  scatter of the residuals: {self.scatter:.4g}", f"  {self.message}"])
 
     _repr_html_ = of_repr
@@ -237,10 +243,14 @@ def _found(
     freedom = len(residuals) - np.count_nonzero(~is_bound)
     scatter = float(np.sqrt(residuals @ residuals / freedom)) if freedom else np.nan
     matrix, is_loose = covariance(jacobian, lengths, ~is_bound, 1.0 if has_sigma else scatter**2)
-    names = [place.name for place in model.places]
+    names, errors = [place.name for place in model.places], np.sqrt(np.diag(matrix))
+    shifts, is_known = np.full(len(x), np.nan), ~is_bound & ~is_loose
+    shifts[is_known] = np.abs(np.linalg.pinv(jacobian[:, is_known]) @ model.errors_of_steps(x, residuals))
+    shifts *= lengths
     return Fit(
         values=dict(zip(names, x.tolist(), strict=True)),
-        errors=dict(zip(names, np.sqrt(np.diag(matrix)).tolist(), strict=True)),
+        errors=dict(zip(names, errors.tolist(), strict=True)),
+        step_errors=dict(zip(names, shifts.tolist(), strict=True)),
         covariance=matrix,
         correlation=correlation(matrix),
         residuals=model.by_series(residuals),
@@ -249,7 +259,7 @@ def _found(
         problem=changed(problem, model.places, x),
         success=bool(result.success),
         status=int(result.status),
-        message=_ENDS[result.status] + loose_note(names, is_loose),
+        message=_ENDS[result.status] + steps_note(names, shifts, errors) + loose_note(names, is_loose),
         n_runs=model.n_runs,
         _series=list(model.series),
         _options=options,

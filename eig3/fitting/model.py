@@ -13,7 +13,10 @@ from ..functions.checks import check_params
 from ..functions.guard import NotFiniteAtStartError
 from ..problem import Problem
 from ..result.solution import Solution
+from ..run.accuracy import LEAST
 from ..run.chunks import IntegrationError
+from ..run.fixed_run import divide
+from ..run.variable_run import RATIO
 from .data import Series
 from .places import Place, said
 
@@ -40,6 +43,7 @@ class Model:
         self, problem: Problem, places: Sequence[Place], series: Sequence[Series], options: dict[str, Any]
     ) -> None:
         self.places, self.series, self.n_runs = places, series, 0
+        self._problem, self._options = problem, options
         times = np.unique(np.concatenate([each.t for each in series]))
         self._run = problem.prepare(invariants={}, t_eval=times, **options)
         self._span, self._n_times = (problem.t_span[0], float(times[-1])), len(times)
@@ -84,6 +88,23 @@ class Model:
             if not np.isfinite(residuals @ residuals):
                 return self._failed(partial(self._not_finite, x.copy(), found))
         return residuals
+
+    def errors_of_steps(self, x: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+        """Estimate by how much the steps change the residuals at x, from a run with other steps; NaN if it fails.
+
+        The run has half the step, or tolerances ten times smaller, or larger where smaller ones are not possible.
+        """
+        rtol, atol, (begin, end) = self._options["rtol"], self._options["atol"], self._span
+        if rtol is None:
+            ratio, power = 0.5, self._run.method.order
+            others = {"h": ratio * divide(end - begin, self._options["h"])[1]}
+        else:
+            ratio, power = (1 / RATIO if rtol >= LEAST else RATIO), 1
+            others = {"rtol": ratio * rtol, "atol": None if atol is None else np.multiply(ratio, atol)}
+        other = Model(self._problem, self.places, self.series, self._options | others)
+        with np.errstate(invalid="ignore"):
+            change = (residuals - other.residuals(x)) / (1 - ratio**power)
+        return np.where(np.isfinite(change), change, np.nan)
 
     def raise_failure(self) -> None:
         """Raise the error of the last run that failed, if one did."""

@@ -31,6 +31,12 @@ class History:
         groups = ({name: function(x) for name, x in group.items()} for group in (self.outputs, self.z))
         return History(function(self.u), function(self.v), *groups)
 
+    def less(self, other: History) -> History:
+        """Return the history of the differences from another one."""
+        pairs = (self.outputs, other.outputs), (self.z, other.z)
+        groups = ({name: x - theirs[name] for name, x in own.items()} for own, theirs in pairs)
+        return History(self.u - other.u, self.v - other.v, *groups)
+
     def __getitem__(self, i: Any) -> History:
         """Return the history of one parameter, by its number."""
         return self.map(lambda x: x[i])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -29,10 +30,14 @@ class Placed:
     columns: dict[str, Any]
     points: tuple[np.ndarray, ...] = ()
 
+    @cached_property
+    def _functions(self) -> dict[str, Any]:
+        return self.effect.functions()
+
     @property
     def is_conservative(self) -> bool:
         """Whether the work of the effects is the change of their potential."""
-        functions = self.effect.functions()
+        functions = self._functions
         return not functions.keys() & {*RESETS, RATE} and ("potential" in functions or not functions.keys() & FORCES)
 
     def value(self, name: str, member: int) -> Any:
@@ -47,7 +52,7 @@ class Placed:
 
     def call(self, name: str, member: int, given: dict[str, Any]) -> Any:
         """Call a function for a member, with the given arguments, and otherwise with its parameters."""
-        function = self.effect.functions()[name]
+        function = self._functions[name]
         size = self.effect.state_size
         values = {"state": 0.0 if size == 1 else (0.0,) * size, **given}
         return function(*(values[a] if a in values else self.value(a, member) for a in arguments(function)))
