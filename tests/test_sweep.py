@@ -47,6 +47,23 @@ def arrays_of(folder):
         return dict(file)
 
 
+def test_the_errors_of_measures_are_their_distances_from_the_exact_motion(tmp_path, capsys):
+    """Richardson's estimate has a relative error of the size of h: the next order of EIG-3 is 3."""
+    measures = ("max:u0", "end:u0", "end:v0")
+    command = "single_dof --set omega=3:5:3 --set u0=1:2:2 --h 0.01 --t-end 2 --check"
+    assert main(arguments(command, *measures, out=tmp_path)) == 0
+    rows = rows_of(tmp_path)
+    assert list(rows[0]) == ["omega", "u0", *measures, *(f"error of {name}" for name in measures), "status"]
+    for row in rows:
+        problem = problems.single_dof(omega=float(row["omega"]), u0=float(row["u0"]))
+        for name, exact in zip(measures[1:], problem.exact(2.0), strict=True):
+            assert float(row[f"error of {name}"]) == pytest.approx(abs(float(row[name]) - exact), rel=0.1)
+    arrays = arrays_of(tmp_path)
+    assert arrays["error of end:u0"].shape == arrays["end:u0"].shape == (3, 2)
+    line = capsys.readouterr().out.split("end:u0 (m)")[1].split("\n")[0].split()
+    assert float(line[3]) == pytest.approx(arrays["error of end:u0"].max(), rel=0.05)  # two digits
+
+
 def test_a_curve_is_that_of_single_runs(tmp_path, capsys):
     measures = ("max:u0", "min:u1", "end:u1", "drift:energy", "max:energy", "peak:v1-v0")
     command = "spring_pendulum --set k=60:120:5 --h 1e-3 --t-end 2 --method rk4"

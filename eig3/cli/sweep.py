@@ -45,6 +45,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--h", type=float, help="the step, s (default: the shortest of `eig3 run` at the corners of the swept region)"
     )
     add_method_and_end(parser, "eig3")
+    parser.add_argument(
+        "--check", action="store_true", help="estimate the errors of the measures from runs with half the step"
+    )
     add_out(parser, "folder for sweep.csv, sweep.npz and sweep.png")
     parser.set_defaults(run=run)
 
@@ -68,7 +71,9 @@ def run(options: argparse.Namespace) -> int:
         )
         interrupt = None
         try:
-            study.run(progress=find_spec("tqdm") is not None)
+            study.run(has_tqdm := find_spec("tqdm") is not None)
+            if options.check:
+                study.check(has_tqdm)
         except KeyboardInterrupt as error:
             interrupt = error
     except (TypeError, ValueError) as error:

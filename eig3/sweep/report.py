@@ -61,19 +61,21 @@ def _cost(study: Study) -> list[str]:
 
 
 def _table(study: Study) -> list[str]:
-    lines = [f"\n{'measure':24} {'min':>12} {'median':>12} {'max':>12}"]
+    errors = f" {'error at most':>14}" if study.errors else ""
+    lines = [f"\n{'measure':24} {'min':>12} {'median':>12} {'max':>12}{errors}"]
     for measure in study.measures:
         values = study.values[str(measure)]
         finite = values[np.isfinite(values)]
         three = (finite.min(), np.median(finite), finite.max()) if finite.size else (np.nan,) * 3
         name = f"{measure} ({measure.unit(study.problem)})"
-        lines.append(f"{name:24} " + " ".join(f"{value:12.6g}" for value in three))
+        error = f" {np.fmax.reduce(study.errors[str(measure)]):14.2g}" if study.errors else ""
+        lines.append(f"{name:24} " + " ".join(f"{value:12.6g}" for value in three) + error)
     return lines
 
 
 def _write_csv(study: Study, path: Path) -> None:
-    columns: list[Any] = [*study.columns.values(), *study.values.values()]
-    names = [*study.columns, *study.values, "status"]
+    named = study.columns | study.values | _errors(study)
+    columns, names = named.values(), [*named, "status"]
     with path.open("w") as file:
         file.write(",".join(names) + "\n")
         for *row, status in zip(*(column.tolist() for column in columns), study.status.tolist(), strict=True):
@@ -84,8 +86,12 @@ def _arrays(study: Study) -> dict[str, Any]:
     """Return the arrays of the NPZ file: for a grid, the values along each axis, and the measures in its shape."""
     shape = study.shape
     status = np.array([status.value for status in study.status.tolist()])
-    arrays = {**study.values, "status": status}
+    arrays = {**study.values, **_errors(study), "status": status}
     if study.seed is None:
         axes = {name: np.unique(column) for name, column in study.columns.items()}
         return {**axes, **{name: array.reshape(shape) for name, array in arrays.items()}}
     return {**study.columns, **arrays}
+
+
+def _errors(study: Study) -> dict[str, np.ndarray]:
+    return {f"error of {name}": values for name, values in study.errors.items()}

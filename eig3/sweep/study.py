@@ -6,7 +6,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,8 @@ class Study:
     measures : list of Measure
     values : dict of str to ndarray, shape (m,)
         The measures by name; NaN for members that did not reach the end.
+    errors : dict of str to ndarray, shape (m,)
+        The errors of the measures by name, after `check`; until then empty.
     status : ndarray of Status, shape (m,)
     h : float
     method : Method
@@ -69,6 +71,7 @@ class Study:
     after: float | None
     seed: int | None
     values: dict[str, np.ndarray] = field(init=False)
+    errors: dict[str, np.ndarray] = field(init=False, default_factory=dict)
     status: np.ndarray = field(init=False)
     n_steps: int = 0
     building: float = 0.0
@@ -194,6 +197,13 @@ class Study:
                     self._run_group([problems[i] for i in group], first + np.array(group))
                     self.running += time.perf_counter() - begin
                 bar.add(len(members))
+
+    def check(self, progress: bool = False) -> None:
+        """Estimate the errors of the measures from a second study with half the step, by Richardson extrapolation."""
+        finer = replace(self, h=self.h / 2, n_steps=0, building=0.0, running=0.0, kernels=0.0, notes=[])
+        finer.run(progress)
+        whole = 1 / (1 - 0.5**self.method.order)
+        self.errors = {name: whole * np.abs(finer.values[name] - values) for name, values in self.values.items()}
 
     def _given(self, i: int) -> dict[str, float]:
         return {**self.fixed, **{name: column[i] for name, column in self.columns.items()}}
