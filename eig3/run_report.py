@@ -40,6 +40,7 @@ def run(
     accuracy: float | None = None,
     method: str | Method | None = None,
     t_end: float | None = None,
+    check: bool = False,
     out: Path | None = None,
     export: Path | None = None,
     animate: str | None = None,
@@ -63,6 +64,8 @@ def run(
         The default is "eig3", or with rtol or accuracy the default of `eig3.integrate`.
     t_end : float, optional
         Duration, s; by default the duration of the problem.
+    check : bool
+        Estimate the error of the run, as `eig3.integrate` does.
     out : Path, optional
         An existing folder for NAME.npz, NAME.csv (short histories only) and NAME.png (with matplotlib only).
     export : Path, optional
@@ -115,7 +118,7 @@ def run(
         _check_film(problem, check_h(h), "eig3" if method is None else method)
     interrupt = None
     try:
-        solution = problem.integrate(**steps(problem), invariants={})
+        solution = problem.integrate(**steps(problem), invariants={}, check=check)
     except KeyboardInterrupt as error:
         if not getattr(error, "solution", None):
             raise

@@ -296,8 +296,9 @@ def test_numbers_keep_their_zeros_and_printed_numbers_their_digits():
 
 
 def test_run_takes_any_problem_method_and_step(tmp_path, capsys):
-    assert main(["run", "kepler", "--h", "0.01", "--method", "rk4", "--out", str(tmp_path)]) == 0
+    assert main(["run", "kepler", "--h", "0.01", "--method", "rk4", "--check", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
+    assert "\n  error of u at most " in printed
     assert "Solution by RK4(): completed" in printed
     assert "steps of h = 0.01," in printed or "steps of h = 0.00999" in printed
     assert "change of energy: " in printed

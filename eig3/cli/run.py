@@ -15,6 +15,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_problem(parser)
     add_steps(parser)
     add_method_and_end(parser, "eig3, or with --rtol rkn12, rk8 or rk5")
+    parser.add_argument("--check", action="store_true", help="estimate the error of u from runs with other steps")
     text = "folder for NAME.npz, NAME.png and, if the history is short, NAME.csv; or a file for OVITO, VMD or ParaView,"
     add_out(parser, f"{text} .extxyz, .dump, .dcd, .pvd or .vtkhdf", type=_folder_or_file)
     parser.add_argument("--animate", action="store_true", help="also write an animation, NAME.gif, to DIR or here")
@@ -42,4 +43,4 @@ def run(options: argparse.Namespace) -> int:
     if options.format and not options.animate:
         raise SystemExit("eig3 run: --format is the format of an animation: give --animate too.")
     film = (options.format or "gif") if options.animate else None
-    return integrate(options, "eig3 run", options.out, animate=film, show=options.show)
+    return integrate(options, "eig3 run", options.out, animate=film, show=options.show, check=options.check)
