@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..ensembles.solution import EnsembleSolution
-from ..methods import Method
 from ..problem import Problem
-from ..result.interpolation import Knots
-from ..result.resampling import resampled
 from ..result.solution import Solution
 from ..run.chunks import IntegrationError
 from .places import Place, said, varied
-from .series import History
 
 
 class Runs:
@@ -26,29 +22,12 @@ class Runs:
     ----------
     problem : Problem
     places : sequence of Place
-    h, method, t_end, save_every, outputs
+    **options
         As for `Problem.ensemble`.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        places: Sequence[Place],
-        *,
-        h: float,
-        method: str | Method,
-        t_end: float | None,
-        save_every: int | None,
-        outputs: Mapping[str, Any] | None,
-    ) -> None:
-        self.problem, self.places = problem, places
-        self._options: dict[str, Any] = {
-            "h": h,
-            "method": method,
-            "t_end": t_end,
-            "save_every": save_every,
-            "outputs": outputs,
-        }
+    def __init__(self, problem: Problem, places: Sequence[Place], **options: Any) -> None:
+        self.problem, self.places, self._options = problem, places, options
 
     def __call__(self, rows: np.ndarray) -> EnsembleSolution:
         """Run members with these values, shape (m, p)."""
@@ -85,25 +64,3 @@ class Runs:
                 raise ValueError(
                     f"outputs[{name!r}] must be finite, but is not with {said(self.places, rows[bad[0]])}."
                 )
-
-
-def history(members: EnsembleSolution, times: np.ndarray | None) -> History:
-    """Return the histories of completed members, at the saved times or at other times between them.
-
-    u and v are interpolated as by `Solution.at`, outputs and z by `resampled`.
-    """
-    if times is None:
-        return History(members.u, members.v, members.outputs, members.z)
-    members[0].at(times)  # this warns if the saved states are too far apart
-    values = (
-        {name: resampled(members.t[0], x, times) for name, x in group.items()} for group in (members.outputs, members.z)
-    )
-    return History(*_states_at(members, times), *values)
-
-
-def _states_at(members: EnsembleSolution, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate u and v of all members as `Solution.at` does, but together, in a tenth of the time."""
-    each = list(members)
-    u, v, a = (np.stack(values, axis=1) for values in zip(*((x.u, x.v, x.a) for x in each), strict=True))
-    found = Knots(each[0].t, u, v, a.__getitem__).at(times, each[0]._knots_of_a_polynomial)
-    return np.moveaxis(found[0], 1, 0), np.moveaxis(found[1], 1, 0)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..ensembles.solution import EnsembleSolution
 from ..functions.checks import check_flag, check_h, reals
 from ..functions.layout import unknown_name
 from ..kernels.compile.interrupt import with_solution
@@ -16,7 +17,7 @@ from ..keywords import with_suggestions
 from ..methods import Method
 from ..problem import Problem
 from .places import Place, check_places, sizes
-from .runs import Runs, history
+from .runs import Runs
 from .series import History
 from .stencils import differences, usual_steps
 
@@ -93,15 +94,12 @@ def sensitivities(
     Parameters
     ----------
     problem : Problem
-        Without events. Its first-order unknowns have derivatives too.
+        Its first-order unknowns have derivatives too.
     parameters : str or sequence of str
         Names of parameters: "k", an entry "k[2]" of an array, "p[3]" if the parameters have no names; and entries
         "u0[1]" and "v0[0]" of the initial values, or "u0" and "v0" with one degree of freedom.
-    h, method, t_end, save_every, outputs
+    h, method, t_end, save_every, t_eval, outputs
         As for `Problem.integrate`.
-    t_eval : array_like, shape (s,)
-        The times of the derivatives. u and v are interpolated between the saved states as by `Solution.at`, outputs and
-        z by polynomials through six saved values.
     steps : dict of str to float
         Steps d by name, rounded down to powers of two. By default d is 2^-12 of the size of the value. For a value of
         zero, this is the size of the largest entry of its named array, for an initial value the size of the motion, and
@@ -124,27 +122,27 @@ def sensitivities(
         After Ctrl-C. Its attribute `solution` is the interrupted run or ensemble; None between two runs.
     """
     places = check_places(problem, parameters)
-    times = None if t_eval is None else _check_times(problem, t_eval, t_end)
     own = _check_steps(places, steps)
-    is_checked, options = check_flag(check, "check"), {"method": method, "t_end": t_end, "outputs": outputs}
-    runs = Runs(problem, places, h=check_h(h), save_every=save_every, **options)
+    options = {"method": method, "t_end": t_end, "outputs": outputs, "t_eval": t_eval}
+    is_checked, every = check_flag(check, "check"), save_every if t_eval is None else None
+    runs = Runs(problem, places, h=check_h(h), save_every=every, **options)
     values = runs.first
     usual = usual_steps(sizes(problem, places, runs.motion))
     lengths = [own.get(place.name, step) for place, step in zip(places, usual, strict=True)]
     chosen = differences(values, np.array(lengths))
     members = runs(chosen.rows)
     runs.check(members, chosen.rows)
-    found, step_errors = history(members, times), None
+    found, step_errors = _history(members), None
     if is_checked:
-        halved = Runs(problem, places, h=members[0].h / 2, save_every=save_every and 2 * save_every, **options)
+        halved = Runs(problem, places, h=members[0].h / 2, save_every=every and 2 * every, **options)
         finer = halved(chosen.rows)
         halved.check(finer, chosen.rows)
-        change = chosen.derivatives(history(finer, times).less(found))
+        change = chosen.derivatives(_history(finer).less(found))
         step_errors = change.map(lambda x: np.abs(x) / (1 - 0.5**members.method.order))
     names = [place.name for place in places]
     return Sensitivities(
         dict(zip(names, values.tolist(), strict=True)),
-        np.array(members.t[0]) if times is None else times,
+        np.array(members.t[0]),
         found[0],
         chosen.derivatives(found),
         chosen.errors(found, int(members.n_steps[0])),
@@ -165,9 +163,5 @@ def _check_steps(places: Sequence[Place], steps: Mapping[str, float] | None) -> 
     return {name: float(step) for name, step in (steps or {}).items()}
 
 
-def _check_times(problem: Problem, t_eval: ArrayLike, t_end: float | None) -> np.ndarray:
-    times = reals(t_eval, "t_eval")
-    first, last = problem.t_span[0], problem.t_span[1] if t_end is None else t_end
-    if times.ndim != 1 or not times.size or not ((first <= times) & (times <= last)).all():
-        raise ValueError(f"t_eval must be a sequence of times within the run, {first:g} to {last:g}.")
-    return times
+def _history(members: EnsembleSolution) -> History:
+    return History(members.u, members.v, members.outputs, members.z)
