@@ -310,9 +310,9 @@ def test_differences_are_exact_for_polynomials_of_the_degree_4(middle, coefficie
 def test_resampled_values_are_those_of_a_polynomial_of_the_degree_5(times, count):
     t = np.linspace(0.0, 3.0, count + 1)
     polynomial = np.polynomial.Polynomial([1.0, -2.0, 0.5, 1.0, -0.3, 0.1][: count + 1])
-    found = resampled(t, polynomial(t)[None], np.array(times))
-    assert found[0] == pytest.approx(polynomial(np.array(times)), abs=1e-10)
-    assert (resampled(t, polynomial(t)[None], t)[0] == polynomial(t)).all()
+    found = resampled(t, polynomial(t), np.array(times))
+    assert found == pytest.approx(polynomial(np.array(times)), abs=1e-10)
+    assert (resampled(t, polynomial(t), t) == polynomial(t)).all()
 
 
 RK4 = {"h": 0.05, "method": "rk4"}

@@ -326,7 +326,7 @@ class Solution:
         if self._between is not None and self._whole and len(self.t) > 1:
             values = self._between(self.t, *self._whole, times.ravel())[1][:, self.u.shape[1] :]
         else:
-            values = resampled(*self._rows_of_z(), times.ravel())[0]
+            values = resampled(*self._rows_of_z(), times.ravel())
         place, found = 0, {}
         for name, x in self.z.items():
             width = x[:1].size
@@ -485,9 +485,9 @@ class Solution:
         return Knots(t, u, v, self._known_accelerations(t, u, v, z, order))
 
     def _rows_of_z(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the times of all knots, and all z there, of the shape (1, knots, k)."""
+        """Return the times of all knots, and all z there, of the shape (knots, k)."""
         order, (t, _, _, z) = self._order(), self._states()
-        return (t, z[None]) if order is None else (t[order], z[None, order])
+        return (t, z) if order is None else (t[order], z[order])
 
     def _order(self) -> np.ndarray | None:
         """Return the places of the knots among the rows of `_states`, in the order of time; None without jumps."""
@@ -651,7 +651,7 @@ def _with_interpolated_z(
     evaluate: Callable[..., np.ndarray], knots: np.ndarray, z: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray
 ) -> np.ndarray:
     """Return the accelerations at states between knots."""
-    return _accelerations_with_z(evaluate, True, t, u, v, resampled(knots, z, t)[0])
+    return _accelerations_with_z(evaluate, True, t, u, v, resampled(knots, z, t))
 
 
 def _with_z(u: np.ndarray, v: np.ndarray, z: np.ndarray, integral: float) -> tuple[np.ndarray, np.ndarray]:
