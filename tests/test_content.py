@@ -137,8 +137,10 @@ def test_what_is_not_known_is_not_kept(function):
 
 
 READY = """
+import pickle
 import sys
 import warnings
+from pathlib import Path
 
 import eig3
 from eig3.kernels.compile.numba_internals import compilations
@@ -157,12 +159,19 @@ def crossing(t, u, v, p):
     return u - 0.9
 
 
-def runs():
-    yield problems.hopper(n=20, t_end=2e-3).integrate(h=1e-4)
-    yield problems.slider_crank(t_end=0.01).integrate(h=1e-4)
-    yield problems.pounding_buildings().with_(t_span=(0, 0.02)).integrate(h=1e-3)
-    yield problems.ten_storey_frame().with_(t_span=(0, 0.02)).integrate(h=1e-3)
-    yield problems.jelly().with_(t_span=(0, 2e-3)).integrate(h=1e-4)
+built = [
+    problems.hopper(n=20, t_end=2e-3),
+    problems.slider_crank(t_end=0.01),
+    problems.pounding_buildings().with_(t_span=(0, 0.02)),
+    problems.ten_storey_frame().with_(t_span=(0, 0.02)),
+    problems.jelly().with_(t_span=(0, 2e-3)),
+    problems.yielding_frame().with_(t_span=(0, 0.02)),
+]
+
+
+def runs(built):
+    for problem in built:
+        yield problem.integrate(h=1e-4)
     params, events = {"k": 4.0, "c": 0.1}, {"crossing": eig3.Event(crossing)}
     yield eig3.integrate(named, (0, 1), 1.0, 0.0, params=params, events=events, rtol=1e-6)
     yield eig3.integrate(named, (0, 1), 1.0, 0.0, params=params, h=0.01, method="rk4", inline=True)
@@ -170,16 +179,21 @@ def runs():
     yield eig3.ensemble(named, (0, 1), [1.0] * 20, 0.0, params=params, rtol=1e-6)
 
 
+if len(sys.argv) > 1:
+    built = pickle.loads(Path(sys.argv[1]).read_bytes())
 with compilations() as functions:
-    print([solution.u.ravel()[-1].item().hex() for solution in runs()])
+    print([solution.u.ravel()[-1].item().hex() for solution in runs(built)])
 print(len(functions), *[function.__qualname__ for function in functions])
+Path("problems.pickle").write_bytes(pickle.dumps(built))
 """
 
 
-def results_of(script, folder):
+def results_of(script, folder, *arguments):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
-    command = [sys.executable, "-c", script]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
+    command = [sys.executable, "-c", script, *arguments]
+    return subprocess.run(
+        command, env=environment, cwd=folder, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
 
 
 @pytest.mark.system
@@ -187,6 +201,7 @@ def test_the_second_process_compiles_nothing_of_scenes_and_structures(tmp_path):
     values, compiled = results_of(READY, tmp_path)
     assert int(compiled.split()[0]) > 100
     assert results_of(READY, tmp_path) == [values, "0"]
+    assert results_of(READY, tmp_path, "problems.pickle") == [values, "0"]  # as in the workers of a pool
 
 
 ONE_NAME = r"""

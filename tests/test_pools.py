@@ -34,7 +34,7 @@ from eig3 import problems
 
 @eig3.jit
 def rhs(t, u, v, p):
-    return -p[0] * u
+    return -p[0] * u * (1.0 + u * u) ** -1.5  # a root in the workers too
 
 
 def spring(stiffness):
@@ -57,7 +57,7 @@ def run(task):
 if __name__ == "__main__":
     options = {"curtain": {"n": 10}, "shear_building": {"work": True}}
     built = {name: getattr(problems, name)(**options.get(name, {})) for name in problems.__all__}
-    built["own"] = eig3.Problem(name="own", rhs=rhs, u0=1.0, v0=0.0, params=(4.0,), t_span=(0.0, 10.0))
+    built["own"] = eig3.Problem(name="own", rhs=rhs, u0=1.0, v0=0.0, params=(4.0,), t_span=(0.0, 10.0), h=0.05)
     built["closure"] = spring(4.0)
     tasks = {}
     for name, problem in built.items():

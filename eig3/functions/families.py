@@ -53,8 +53,7 @@ class Family:
         def member(t, u, v, p):  # type: ignore[no-untyped-def]
             return function(float(k), t, u, v, p)
 
-        # In another process a member is a function without `callback`: it calls the bound function, in kernels' form.
-        vars(member).pop("inner", None)
+        vars(member).pop("inner", None)  # a member calls the bound function, in kernels' form
         member.reads_z = True  # type: ignore[attr-defined]
         if self._values is not None:
             member.family = self._values, self._count, k  # type: ignore[attr-defined]
@@ -62,7 +61,11 @@ class Family:
         member.__signature__ = whole.replace(parameters=list(whole.parameters.values())[1:])  # type: ignore[attr-defined]
         jitted = jit(member)
         jitted.callback = functools.partial(self._callback, k)
+        jitted.origin = _member, (self, k)
         return jitted
+
+    def __reduce__(self) -> tuple:
+        return Family, (self._function, self._count, self._values)
 
     def _callback(self, k: int, kind: str, form: Form, name: str) -> Callback:
         """Return the member k for the fixed signature of a kind of callback, as `check_callback` does."""
@@ -99,3 +102,7 @@ class Family:
         result = compiled(jit(bound(quiet_together, {"FUNCTION": function})), form.quiet.args)
         self._libraries.append(result)
         return address_of(result)
+
+
+def _member(family: Family, k: int) -> Jitted:
+    return family.members[k]

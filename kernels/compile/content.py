@@ -107,7 +107,11 @@ def _of_library(value: Any) -> str:
     if defined is not value and hasattr(defined, "content"):
         return str(defined.content)
     module, name = getattr(defined, "__module__", None) or "", getattr(defined, "__name__", "")
-    is_ours = module.startswith(__name__.partition(".")[0] + ".") and getattr(sys.modules[module], name, None) is value
+    if not module.startswith(__name__.partition(".")[0] + "."):
+        return ""
+    known = getattr(sys.modules[module], name, None)
+    code = getattr(getattr(known, "_defn", known), "__code__", None)  # an intrinsic that was pickled is another object
+    is_ours = known is value or (code is not None and code == getattr(defined, "__code__", None))
     return f"{module}.{name} {_checksum(module)}" if is_ours else ""
 
 

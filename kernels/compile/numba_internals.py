@@ -392,6 +392,23 @@ class _BareFunction(CPUDispatcher):
     """
 
     keep: Callable = staticmethod(_unkept)
+    origin: tuple | None = None  # what pickles the function in place of its code
+
+    def __reduce__(self) -> Any:
+        return self.origin or super().__reduce__()
+
+    def _reduce_states(self) -> dict[str, Any]:
+        """Return what Numba pickles, with what it leaves out: the compiler, and how the function gets its cache."""
+        own = {"keep": self.keep, "is_kept": isinstance(self._cache, DiskCache)}
+        return {**super()._reduce_states(), **own, "pipeline_class": self._compiler.pipeline_class}
+
+    @classmethod
+    def _rebuild(cls, keep: Callable, is_kept: bool, pipeline_class: Any, **states: Any) -> Any:
+        if states["uuid"] in cls._memo:
+            return super()._rebuild(**states)
+        self = super()._rebuild(**states)
+        self.keep, self._compiler.pipeline_class = keep, pipeline_class
+        return keep(self) if is_kept else self
 
     @functools.cached_property
     def for_python(self) -> Jitted:
