@@ -99,7 +99,7 @@ def test_the_frequency_by_members_is_a_bound():
     frame.mass("n10", 50.0)
     highest = frequencies(frame, 30)[-1]
     assert highest <= frame.highest_frequency() < 1.3 * highest
-    for damping in (None, eig3.Rayleigh(0.02, 100.0, 1e4)):
+    for damping in (None, eig3.Rayleigh(0.02, 100.0, 1e4), eig3.Modal(0.3, 30)):
         problem = frame.problem((0, 1), damping=damping)
         critical = problem.critical_step()
         assert 0.6 * critical.limit < problem.h < critical.limit

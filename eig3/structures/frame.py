@@ -24,6 +24,7 @@ from .frame_members import DIRECTIONS, Member, Section
 from .linear import linear
 from .matrices import check_mass, without
 from .modes import Modes, highest_frequency, modes_of
+from .structure import matrix_of
 
 _TURNING: dict[int, Any] = {
     2: (turning_members, chords, energy_of_members),
@@ -354,8 +355,13 @@ class Frame:
 
     def _stable_step(self, params: Any) -> float:
         """Return a stable step of EIG-3 with the damping of the problem."""
-        omega, (a, b) = self.highest_frequency(), (getattr(params, name, 0.0) for name in "ab")
-        return _OF_LIMIT * practical_limit("eig3", a / (2 * omega) + b * omega / 2) / omega
+        has, omega = params._asdict(), self.highest_frequency()
+        ratios = {omega: has.get("a", 0.0) / (2 * omega) + has.get("b", 0.0) * omega / 2}
+        if "modes" in has:  # of modal damping
+            modes, rates = has["modes"], has["rates"]
+            damped = np.sqrt(np.einsum("ki,ik->k", modes, matrix_of(has["K"]) @ modes.T)).max()
+            ratios[damped] = np.einsum("ki,ki->k", modes, rates).max() / (2 * damped)
+        return _OF_LIMIT * min(practical_limit("eig3", xi) / omega for omega, xi in ratios.items())
 
     def view(self, factor: float = 1.0) -> Mechanism:
         """Return the view of the frame for `Problem.animate`, with displacements that are `factor` times as large."""
