@@ -115,6 +115,11 @@ def even(n):
     return n == 0 or odd(n - 1)
 
 
+@eig3.jit
+def factorial(n):
+    return 1.0 if n == 0 else n * factorial(n - 1)
+
+
 @pytest.mark.parametrize("function", [lambda x: np.linalg.norm(x), lambda x: np.dot(x, x), lambda x: x[None, :]])
 def test_what_numpy_has_is_known(function):
     assert content(eig3.jit(function))
@@ -129,6 +134,7 @@ def test_what_numpy_has_is_known(function):
         lambda x: AT_AN_ADDRESS(x),
         lambda x: Spring(x).k,
         lambda x: even(x),
+        lambda x: factorial(x),  # Numba would abort the process that loads it
         lambda x: os.path.join(x),  # noqa: PTH118  # a module in a module
     ],
 )

@@ -33,10 +33,10 @@ def content(function: Any, *, is_named: bool = True) -> str:
     """
     digest, numbers = hashlib.sha256(), dict[Any, int]()
     for each, _ in helpers_first(function):
-        numbers[each] = len(numbers)
         part = _own_content(each, numbers, is_named)
         if not part:
             return ""
+        numbers[each] = len(numbers)
         digest.update(f"{part}\n\n".encode())
     return digest.hexdigest()[:32]
 
@@ -51,7 +51,7 @@ def _own_content(function: Any, numbers: Mapping[Any, int], is_named: bool) -> s
     parts += [*_code(plain.__code__), _canonical(options_of(function))]
     for name, read in places(plain):
         value = read()
-        if isinstance(value, Jitted):  # of functions that call each other, one has no number yet
+        if isinstance(value, Jitted):  # one that calls itself has no number yet: Numba cannot load its machine code
             text = f"function {numbers[value]}" if value in numbers else ""
         else:
             text = _value(value)
