@@ -12,6 +12,8 @@ otherwise its loops are already prepared for any n.
 
 from __future__ import annotations
 
+import dis
+import inspect
 import math
 import re
 import warnings
@@ -27,12 +29,14 @@ from numba.types import float64, int64, none
 from .compile.cache import keep_on_disk
 from .compile.jit import KERNEL_OPTIONS, bound, compiled, element, function_at
 from .compile.numba_internals import (
+    Jitted,
     address_of,
     array_over,
     assume_no_overlap,
     cache_of,
     call_without_checks,
     has_wide_vectors,
+    is_linked,
     optimised_code,
     parts_of,
     wide_vectors,
@@ -343,8 +347,15 @@ def compile_template(
 ) -> Lanes:
     """Compile a template for a block, with the user's function inlined in it."""
     options = options_for(is_checked)
-    given = {**layout.names(), **names, "FUNCTION": inlined(function, options)}
-    return compile_block(bound(template, given), arguments, options)
+
+    def block(helpers: Callable) -> Lanes:
+        given = {**layout.names(), **names, "FUNCTION": inlined(function, options, helpers)}
+        return compile_block(bound(template, given), arguments, options)
+
+    try:
+        return block(_with_loops)
+    except numba.core.errors.NumbaError:  # Numba can compile a helper, but cannot inline it
+        return block(_beside)
 
 
 def options_for(is_checked: bool) -> dict[str, Any]:
@@ -367,15 +378,44 @@ def compile_block(function: Callable, arguments: tuple, options: dict[str, Any],
     return Lanes(call_without_checks(result), address_of(result), obstacle, result)
 
 
-def inlined(function: Callable, options: dict[str, Any]) -> Any:
-    """Compile a function for lanes: it is inlined before LLVM sees it, and so are those beside it in written source."""
-    code = function.__code__
-    beside = {
-        name: inlined(helper.py_func, options)
-        for name, helper in function.__globals__.items()
-        if name in code.co_names and is_beside(code, getattr(helper, "py_func", None))
+def inlined(function: Callable, options: dict[str, Any], helpers: Callable, above: tuple = ()) -> Any:
+    """Compile a function for lanes: it is inlined before LLVM sees it, and so are those of `helpers` that it calls.
+
+    A function that calls itself, in a function `above` or here, is not inlined there.
+    """
+    above = *above, function
+    calls = {
+        name: inlined(helper.py_func, options, helpers, above)
+        for name, helper in helpers(function)
+        if helper.py_func not in above
     }
-    return numba.njit(inline="always", **options)(bound(function, beside) if beside else function)
+    return numba.njit(inline="always", **options)(bound(function, calls) if calls else function)
+
+
+def _helpers(function: Callable) -> list[tuple[str, Jitted]]:
+    """Return the names and the jitted functions that a function calls, without the elements of this library."""
+    named = inspect.getclosurevars(function)
+    called = {**named.globals, **named.nonlocals}.items()
+    return [(name, helper) for name, helper in called if isinstance(helper, Jitted) and not is_linked(helper)]
+
+
+def _beside(function: Callable) -> list[tuple[str, Jitted]]:
+    """Return those in the same written source."""
+    return [(name, helper) for name, helper in _helpers(function) if is_beside(function.__code__, helper.py_func)]
+
+
+def _with_loops(function: Callable) -> list[tuple[str, Jitted]]:
+    """Return those, and those that have a loop: LLVM would prepare it for any n before it is inlined."""
+    beside = _beside(function)
+    return beside + [each for each in _helpers(function) if each not in beside and _has_loop(each[1].py_func)]
+
+
+def _has_loop(function: Callable, above: tuple = ()) -> bool:
+    """Return whether a function, or one that it calls, has a loop."""
+    if any(instruction.opname == "FOR_ITER" for instruction in dis.get_instructions(function)):
+        return True
+    above = *above, function
+    return any(_has_loop(helper.py_func, above) for _, helper in _helpers(function) if helper.py_func not in above)
 
 
 def _obstacle(result: Any) -> str:

@@ -444,6 +444,38 @@ def test_right_hand_sides_are_vectorised(form, n, rhs, sizes, has_own_step):
     assert compile_rhs(rhs.py_func, Layout(form, n, 64, *sizes, has_own_step)).obstacle == ""
 
 
+def test_loops_in_functions_that_a_right_hand_side_calls_are_vectorised():
+    """LLVM would prepare the loop of a helper for any n: it is inlined before. One that calls itself cannot be."""
+
+    @eig3.jit
+    def power(x, k):
+        return 1.0 if k == 0 else x * power(x, k - 1)
+
+    @eig3.jit
+    def resist(v, a, c=0.3):
+        for j in range(v.size):
+            a[j] -= c * v[j]
+
+    @eig3.jit
+    def coupled(t, u, v, p, a):
+        for j in range(u.size):
+            a[j] = p[0] * (u[j - 1] if j else 0.0) - u[j] * u[j] * u[j]
+        resist(v, a)
+
+    @eig3.jit
+    def with_powers(t, u, v, p, a):
+        for j in range(u.size):
+            a[j] = -p[0] * power(u[j], 3)
+        resist(v, a)
+
+    starts = np.random.default_rng(0).normal(size=(20, 3))
+    for rhs, notes in ((coupled, 0), (with_powers, 1)):
+        solution = eig3.ensemble(rhs, (0, 1), starts, np.zeros(3), h=0.01, params=[[0.5]] * 20)
+        assert len(solution.notes) == notes
+        alone = eig3.integrate(rhs, (0, 1), starts[7], np.zeros(3), h=0.01, params=[0.5], save_every=None)
+        assert_alone(solution[7], alone)
+
+
 def test_notes_say_why_a_function_is_not_vectorised():
     @eig3.jit
     def of_libm(t, u, v, p):

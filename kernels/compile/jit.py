@@ -237,7 +237,10 @@ def function_at(signature: Any, call: Any = None) -> Any:
 
 
 def bound(template: Callable, names: dict[str, Any]) -> types.FunctionType:
-    """Return a copy of a function whose globals also contain `names`."""
-    function = types.FunctionType(template.__code__, {**template.__globals__, **names}, template.__name__)
+    """Return a copy of a function whose globals, and variables of outer functions, also have the values in `names`."""
+    code, namespace = template.__code__, {**template.__globals__, **names}
+    cells = zip(code.co_freevars, template.__closure__ or (), strict=True)
+    closure = tuple(types.CellType(names[name]) if name in names else cell for name, cell in cells)
+    function = types.FunctionType(code, namespace, template.__name__, template.__defaults__, closure)
     function.__module__ = template.__module__
     return function

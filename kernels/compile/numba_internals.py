@@ -459,6 +459,11 @@ def linked_jit(function: Callable, keep: Callable = _unkept, **options: Any) -> 
     return jitted
 
 
+def is_linked(function: Jitted) -> bool:
+    """Return whether a jitted function comes from `linked_jit`."""
+    return isinstance(function, _NamedFunction)
+
+
 def assume_no_overlap(function: Jitted) -> Jitted:
     """Let the compiler assume that no two arrays of the arguments overlap, and return the function."""
 
