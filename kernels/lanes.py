@@ -379,7 +379,7 @@ def compile_block(function: Callable, arguments: tuple, options: dict[str, Any],
 
 
 def inlined(function: Callable, options: dict[str, Any], helpers: Callable, above: tuple = ()) -> Any:
-    """Compile a function for lanes: it is inlined before LLVM sees it, and so are those of `helpers` that it calls.
+    """Compile a function for lanes: it is inlined before LLVM sees it, and so is what ``helpers(function)`` returns.
 
     A function that calls itself, in a function `above` or here, is not inlined there.
     """
