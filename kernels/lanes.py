@@ -354,7 +354,7 @@ def compile_template(
 
     try:
         return block(_with_loops)
-    except numba.core.errors.NumbaError:  # Numba can compile a helper, but cannot inline it
+    except numba.NumbaError:  # Numba can compile a helper, but cannot inline it
         return block(_beside)
 
 

@@ -292,6 +292,21 @@ def test_functions_that_are_pickled_by_name(monkeypatch):
         assert b"_named" in caller
         hidden = internals.linked_jit(lambda x: x)
         assert pickle.loads(internals.cloudpickle.dumps(hidden))(2.0) == 2.0
+        assert internals.is_linked(named)
+        assert not internals.is_linked(numba.njit(lambda x: x))
+
+
+def test_what_a_pickled_function_keeps():
+    kept = []
+    with probe(
+        "Numba rebuilds a jitted function in another process without `_rebuild` and what `_reduce_states` returns"
+    ):
+        bare = internals.bare_jit(double, lambda function: kept.append(function) or function, **internals.WITH_ROOTS)
+        internals.set_cache(bare, MemoryCache(double, str))
+        again = type(bare)._rebuild(**{**bare._reduce_states(), "uuid": "of another process"})
+        assert again is not bare
+        assert again._compiler.pipeline_class is bare._compiler.pipeline_class
+        assert kept == [bare, again]
 
 
 def test_arrays_that_do_not_overlap():

@@ -59,7 +59,7 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     Numba compiles a global variable as a constant. If its value has changed when the next run begins, the function is
     compiled again, which takes some tenths of a second: pass values that change often as parameters. The key of the
     cache is the code of the function, the code of the functions that it calls, and the values of global and closure
-    variables. A function that calls itself, or uses other objects, such as an `enum`, is compiled in each process. Numba
+    variables. A function that calls itself or uses other objects, such as an `enum`, is compiled in each process. Numba
     does not check indices unless the environment variable NUMBA_BOUNDSCHECK is 1 when Python starts.
 
     A run compiles the function for other compiled functions. The first call from Python compiles it once more, as
