@@ -50,13 +50,14 @@ class BreakingString(Link):
 
     nonnegative = ("stiffness", "rest_length", "strength")
     crossing = 1
+    at_start = "strength must be above the tension at the start"
     source = "Hooke, up to a strength"
     picture = "string"
 
     def check_points(self, masses, positions, columns):
         super().check_points(masses, positions, columns)
         pull = columns["stiffness"] * (distance(positions) - columns["rest_length"])
-        self.require(pull < columns["strength"], "strength must be above the tension at the start")
+        self.require(pull < columns["strength"], self.at_start)
 
     @staticmethod
     @element

@@ -63,6 +63,10 @@ class HingeLaw(OfLaw, Cell):
     def crossing(self) -> int:  # type: ignore[override]
         return int(self.law.crossing)
 
+    @property
+    def at_start(self) -> str:  # type: ignore[override]
+        return str(self.law.at_start)
+
     def functions(self) -> dict[str, Any]:
         return dict(_of_joint(tuple(self.law.functions().items()), self.takes[0], self.kinematics))
 
