@@ -48,7 +48,7 @@ class BreakingString(Link):
     rest_length: ArrayLike
     strength: ArrayLike
 
-    nonnegative = ("stiffness", "rest_length", "strength")
+    nonnegative = ("stiffness", "strength")
     crossing = 1
     at_start = "strength must be above the tension at the start"
     source = "Hooke, up to a strength"

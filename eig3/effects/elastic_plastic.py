@@ -147,7 +147,6 @@ class ElasticPlastic(Link):
     rest_length: ArrayLike = 0.0
     isotropic: ArrayLike = 0.0
 
-    nonnegative = ("rest_length",)
     crossing = 1
     source = "Prager, in one dimension; Simo and Hughes, Computational Inelasticity, Springer (1998), section 1.4"
     picture = "spring"

@@ -111,7 +111,6 @@ class Multilinear(Link):
     rest_length: ArrayLike = 0.0
 
     vectors = ("stretches", "forces")
-    nonnegative = ("rest_length",)
     crossing = 1
     source = "Iwan, Journal of Applied Mechanics 33 (1966) 893"
     picture = "spring"
