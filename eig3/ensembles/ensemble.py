@@ -146,7 +146,7 @@ def ensemble(
     else:
         goal = check_goal(accuracy, scale, max_seconds)
         refuse_steps(h=h, rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
-        method, rtol = check_members_method(method), first_rtol(goal)
+        method, rtol = check_members_method(rhs, method), first_rtol(goal)
     check_progress(progress)
     check_executor(executor)
     check_reduce(reduce)
