@@ -467,3 +467,13 @@ def test_a_run_goes_on_from_a_bounce():
         later = problem.with_(u0=found.u_after[k], v0=found.v_after[k], t_span=(found.t[k], 1.68))
         rest = later.integrate(h=1e-2, method="rk4").events["rigid stop 0"]
         np.testing.assert_allclose(rest.t, found.t[k + 1 :], rtol=0, atol=1e-11)
+
+
+def test_the_code_does_not_grow_with_the_number_of_states():
+    def length(n):
+        scene = Scene(1)
+        masses = scene.mass(1.0, np.arange(1.0, n + 1))
+        scene.add(BreakingString(1.0, 1.0, 1.0), masses[:-1], masses[1:])
+        return len(code(scene.problem((0, 1)).rhs))
+
+    assert length(400) == length(200)  # with the same number of digits in each range

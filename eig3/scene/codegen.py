@@ -212,8 +212,9 @@ class _Functions(Text):
                     self._line("a[k] = 0.0")
             for near in self._near:
                 near.forces()
-            for k in range(self._coordinates, self._n_states):
-                self._line(f"a[{k}] = 0.0")
+            if self._n_states > self._coordinates:
+                with self._block(f"for k in range({self._coordinates}, {self._n_states})"):
+                    self._line("a[k] = 0.0")
             for group in self._with_states:
                 group.rates()
             if self._follows_work:
