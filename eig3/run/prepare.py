@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import check_flag, check_params, check_resolution, check_span, check_state, shown
+from ..functions.events import EffectEvent
 from ..functions.first_order import check_z0
 from ..functions.guard import guarded
 from ..functions.named import WITHOUT_NAMES, has_names, in_layout, named
@@ -76,7 +77,8 @@ class Prepared:
         self.options = options
         self._system: System = remembered(rhs, form, options)
         pairs = zip(options.events.items(), self._system.event_callbacks, strict=True)
-        self._rules = [(name, event, g.call) for (name, event), (g, _) in pairs if getattr(event, "rule", "")]
+        of_effects = ((name, event, g.call) for (name, event), (g, _) in pairs if isinstance(event, EffectEvent))
+        self._rules = [each for each in of_effects if each[1].rule]
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
 
