@@ -152,7 +152,8 @@ class Prepared:
             if self._params_check and given is not self._defaults[3]:
                 self._params_check(params)
         start = check_span(span), u, v, guarded(check_params(params))
-        self.check_rules("the start", *start)
+        if self._rules:
+            self.check_rules("the start", *start)
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
         solution = self._if_short(*start) if is_plain else None
         solution = solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
