@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -175,8 +175,7 @@ def _add_laws(table: MechanismTable, moving: list[RigidBody], number: int, joint
     if joint.kind not in _IN_JOINT:
         return
     if joint.stiffness:
-        way = joint if joint.rest >= 0 else replace(joint, axis=-joint.axis)  # a rest length is not negative
-        _add_law(table, moving, number, way, LinearSpring(joint.stiffness, abs(joint.rest)))
+        _add_law(table, moving, number, joint, LinearSpring(joint.stiffness, joint.rest))
     if joint.damping:
         _add_law(table, moving, number, joint, LinearDamper(joint.damping))
 

@@ -39,7 +39,7 @@ MUTANTS = {
         ("crossing = 1", "crossing = -1"),
         ("(1 - hardening) * yield_force\n    return min", "yield_force\n    return min"),
         ("return -rate\n", "return rate\n"),
-        ("(1 - _INSIDE) * yield_force\n    tension", "0.98 * yield_force\n    tension"),
+        ("(1 - INSIDE) * yield_force\n    tension", "0.98 * yield_force\n    tension"),
     ],
     ("eig3/effects/elastic_plastic.py", "test_memory.py -k 'opensees or isotropic or shake_down'"): [
         ("(1 - isotropic) * modulus * plastic", "modulus * plastic"),

@@ -105,6 +105,11 @@ def one_of_two():
     eig3.linear([1.0, 1.0], links=links, u0=[0, 0.2], t_span=(0, 1))
 
 
+def pulled_later():
+    links = [(Breaking(SPRING, max_stretch=0.5), None, 0)]
+    eig3.linear([1.0], links=links, t_span=(0, 1)).with_(u0=[1.6]).integrate(h=0.01)
+
+
 test_what_is_wrong_is_refused_in_a_sentence = refusals(
     {
         "max_force of Breaking must be positive": lambda: Breaking(SPRING, max_force=-1.0),
@@ -112,6 +117,7 @@ test_what_is_wrong_is_refused_in_a_sentence = refusals(
         "min_stretch of Breaking must be negative": lambda: Breaking(SPRING, min_stretch=1.0),
         "Breaking is broken at the start: link 0": lambda: oscillator(Breaking(LinearSpring(9.0, 0.5), max_force=4.0)),
         "Breaking is broken at the start: link 1": one_of_two,
+        "law of Breaking must be whole at the start, but the start lies behind 'breaking 0'": pulled_later,
     },
     {
         "Breaking must have a limit: give max_stretch, min_stretch, max_force or max_energy": lambda: Breaking(SPRING),

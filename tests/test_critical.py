@@ -12,7 +12,16 @@ import eig3
 from eig3 import NoCriticalStepError, critical_step, problems
 from eig3.diagnosis.critical import _sees_rates, critical, longest_stable_step
 from eig3.diagnosis.linearisation import Linearised
-from eig3.effects import Coulomb, Gravity, HertzContact, LennardJones, PlaneContact
+from eig3.effects import (
+    Coulomb,
+    GiuffreMenegottoPinto,
+    Gravity,
+    HertzContact,
+    LennardJones,
+    LinearSpring,
+    Maxwell,
+    PlaneContact,
+)
 from eig3.kernels.methods import eig
 from eig3.planning.pilots import Pilots, Run
 from eig3.planning.step_search import Search
@@ -833,3 +842,37 @@ def test_a_plan_from_a_part_of_the_span_keeps_the_step_of_the_encounters():
     search = Search(pilots, eig3.EIG3())
     search.add(Run(20, 1e-4))
     assert search.steps == math.ceil(10 / problem.critical_step().h)
+
+
+def test_states_of_links_do_not_matter():
+    """The states change at events only, and a link that has not yielded is a spring; the rest is round-off."""
+
+    def chain(law, n, stretched=1.0):
+        scene = Scene(1)
+        masses = scene.mass(1.0, stretched * np.arange(1.0, n + 1))
+        scene.add(law, scene.fixed(0.0), masses[0])
+        scene.add(law, masses[:-1], masses[1:])
+        return scene.problem((0, 1))
+
+    steel = GiuffreMenegottoPinto(50.0, 3.0, 0.1, rest_length=1.0)
+    in_krylov_spaces = chain(steel, 20).critical_step().h
+    assert in_krylov_spaces == pytest.approx(chain(LinearSpring(50.0, 1.0), 20).critical_step().h, rel=1e-8)
+    yielding = chain(steel, 1, stretched=1.1).with_(events={})
+    stepper = yielding.stepper(h=1.0)
+    ends = [stepper.acceleration(0.0, np.eye(7)[0] * x, np.zeros(7))[0] for x in (1.1 - 1e-6, 1.1 + 1e-6)]
+    omega = math.sqrt((ends[0] - ends[1]) / 2e-6)
+    assert yielding.critical_step().limit == pytest.approx(2 / omega, rel=1e-6)
+
+
+@pytest.mark.parametrize(("length", "time"), [(1e-9, 1e-12), (1e9, 1e5)])
+def test_the_units_do_not_matter(length, time):
+    """A link with a state that is a length, in units of atoms and of planets. Differences have a round-off of 1e-6."""
+
+    def step(length, time):
+        scene = Scene(1)
+        stiffness = 50.0 / time**2
+        link = Maxwell(stiffness, 2.0 * stiffness * time)
+        scene.add(link, scene.fixed(0.0), scene.mass(1.0, 1.1 * length, velocity=1.5 * length / time))
+        return scene.problem((0, time)).critical_step().h / time
+
+    assert step(length, time) == pytest.approx(step(1.0, 1.0), rel=1e-6)

@@ -375,10 +375,15 @@ def test_a_block_slides_down_a_rough_slope(dimension):
     assert ball.positions(flying.problem((0.0, 1.0)).integrate(h=1e-3).v[-1]) == pytest.approx(down)
 
 
+def between_points(link):
+    scene = Scene(1)
+    scene.add(link, *scene.mass(1.0, [0.0, 1.0]))
+
+
 BAD_VALUES = {
     "stiffness of LinearSpring must not be negative.": lambda: LinearSpring(-1.0),
     "stiffness of LinearSpring must not be": lambda: LinearSpring([2.0, -1.0]),
-    "rest_length of LinearSpring must not be negative.": lambda: LinearSpring(1.0, -1.0),
+    "rest_length of LinearSpring must not be negative.": lambda: between_points(LinearSpring(1.0, -1.0)),
     "damping of LinearDamper must not be negative.": lambda: LinearDamper(-1.0),
     "drag of QuadraticDrag must not be negative.": lambda: QuadraticDrag(-1.0),
     "stiffness of HertzContact must not be": lambda: HertzContact(-1.0, 1.0),

@@ -199,6 +199,19 @@ def test_the_order_is_two_while_a_contact_holds(method):
     assert 3.5 < ratio < 4.7
 
 
+def test_an_accuracy_holds_for_springs_of_low_order():
+    """The reference has 20 times as many steps as the run. The smallest tolerance has an error of 7e-4 here."""
+    problem = oblique().problem((0.0, 0.05))
+    run = problem.integrate(accuracy=1e-4)
+    exact = problem.integrate(h=run.h / 20, save_every=None).u[-1]
+    assert run.success
+    assert np.abs(run.u[-1] - exact).max() <= 1e-4 * np.abs(run.u).max()
+    *_, note = problem.integrate(rtol=1e-7, check=True).error.notes
+    assert "the tolerance does not see: the error may be several times as large; give h" in note
+    with pytest.raises(ValueError, match="accuracy of an ensemble needs tolerances, which do not bound"):
+        problem.ensemble(accuracy=1e-4, v0=[problem.v0])
+
+
 @pytest.mark.parametrize("is_fixed", [False, True], ids=["both move", "one is fixed"])
 def test_spheres_that_strike_each_other_have_the_restitution(is_fixed):
     """At every speed, size and stiffness, and from hardly any rebound to an elastic one, in scenes of other tests."""

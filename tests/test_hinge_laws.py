@@ -96,11 +96,24 @@ def test_a_plastic_hinge_and_a_gap_between_two_bodies():
         np.testing.assert_allclose(members[k].events[name].t, single.events[name].t, rtol=0, atol=1e-10)
 
 
+def test_a_rest_angle_may_be_negative():
+    """The angle swings about the rest angle, cos(omega t) - 1 times its size, on either side."""
+    for law in (LinearSpring(0.2, -0.5), LinearSpring(0.2, 0.5)):
+        scene = Scene(2)
+        flat = scene.body(2.0, 0.3, [0.5, 0.0])
+        flat.revolute(None, [0.0, 0.0])
+        flat.torsional_spring(None, law)
+        run = scene.problem((0, 3)).integrate(rtol=1e-10)
+        expected = law.rest_length * (1 - np.cos(np.sqrt(0.2 / INERTIA) * run.t))
+        np.testing.assert_allclose(flat.rotation(run.u), expected, rtol=0, atol=1e-8)
+
+
 test_what_is_wrong_is_refused_in_a_sentence = refusals(
     {
         "law of HingeLawInSpace must act along one line, and LeadRubber does not": lambda: flap(
             LeadRubber(1.0, 1.0, 0.1)
         ),
+        "rest_length of LinearSpring must be between -pi and pi in a hinge": lambda: flap(LinearSpring(9.0, -90.0)),
         "Breaking is broken at the start": lambda: flap(Breaking(LinearSpring(9.0, 0.5), min_stretch=-0.4)),
     },
     {

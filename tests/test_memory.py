@@ -445,6 +445,26 @@ def add_a_pair_force():
     scene.problem((0, 1))
 
 
+@pytest.mark.parametrize("kind", ["elastic plastic", "isotropic", "multilinear"])
+def test_a_link_yields_in_all_units(kind):
+    """A turn is found where forces are far below rates, as in small devices: the run repeats to the tolerance."""
+
+    def run(force):
+        law = {
+            "elastic plastic": ElasticPlastic(50.0 * force, 3.0 * force, 0.1),
+            "isotropic": ElasticPlastic(50.0 * force, 3.0 * force, 0.1, isotropic=0.5),
+            "multilinear": Multilinear([0.05, 0.1, 0.2], np.array([2.5, 4.0, 5.0]) * force),
+        }[kind]
+        return oscillator(law, mass=force, velocity=1.5, span=(0, 2)).integrate(rtol=1e-10)
+
+    usual, small = run(1.0), run(1e-9)
+    assert small.success
+    (found,), (again,) = (list(each.events.values()) for each in (usual, small))
+    assert len(found) >= 2
+    np.testing.assert_allclose(again.t, found.t, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(small.u[-1], usual.u[-1], rtol=0, atol=1e-7)
+
+
 BAD_VALUES = {
     "yield_length of BoucWen must be positive": lambda: BoucWen(1.0, 0.0),
     "hardening of BoucWen must be 0 to 1": lambda: BoucWen(1.0, 1.0, 1.5),

@@ -176,6 +176,8 @@ def test_a_box_without_shear_has_no_code_for_it():
         (lambda: Scene(3, box=(1.0, None, 1.0), shear=1.0), "shear needs a box with sides along x and y"),
         (lambda: Scene(2, box=(1.0, 1.0), shear=np.nan), "shear must be finite"),
         (lambda: _near_fixed(Scene(2, box=(3.0, 3.0), shear=1.0)), "which do not move with a box that shears"),
+        (lambda: _across_the_border(effects.Rod(), 2), "Rod 2 has points more than half a side of the box apart"),
+        (lambda: _across_the_border(effects.HarmonicAngle(1.0, 3.0), 3), "HarmonicAngle 1 has points more than half"),
     ],
 )
 def test_errors(act, message):
@@ -185,3 +187,10 @@ def test_errors(act, message):
 
 def _near_fixed(scene):
     scene.add(effects.HertzContact(STIFFNESS, REACH), scene.mass(1.0, [(0.0, 0.0)]), others=scene.fixed([(1.0, 0.0)]))
+
+
+def _across_the_border(effect, count):
+    """Four atoms in a row, of which the last is wrapped into the box; along y, the box is not periodic."""
+    scene = Scene(2, box=(4.0, None))
+    atoms = scene.mass(1.0, [(1.4, 9.0), (2.5, 0.0), (3.6, 9.0), (0.7, 0.0)])
+    scene.add(effect, *(atoms[k : k + 5 - count] for k in range(count)))

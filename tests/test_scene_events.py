@@ -446,3 +446,34 @@ BAD_TYPES = {
     ),
 }
 test_bad_events = refusals(BAD_VALUES, BAD_TYPES)
+
+
+BEHIND = "offset of RigidStop must leave each mass on the free side at the start, but"
+test_a_start_behind_a_stop_is_refused = refusals(
+    {
+        f"{BEHIND} the start lies behind 'rigid stop 0'": lambda: dropped().with_(u0=[-0.1]).integrate(h=0.01),
+        f"{BEHIND} the start lies": lambda: dropped().prepare(rtol=1e-6)(u0=[0.0]),  # it would fall at once
+        f"{BEHIND} member 1 lies": lambda: dropped().ensemble(u0=[[0.5], [-0.5]], h=0.01),
+        f"{BEHIND} member 17 lies": lambda: dropped().ensemble(u0=np.linspace(0.83, -0.02, 18)[:, None], rtol=1e-6),
+    }
+)
+
+
+def test_a_run_goes_on_from_a_bounce():
+    """The located impacts are at -2e-17 to 2e-17 m."""
+    problem = dropped()
+    found = problem.integrate(h=1e-2, method="rk4").events["rigid stop 0"]
+    for k in range(4):
+        later = problem.with_(u0=found.u_after[k], v0=found.v_after[k], t_span=(found.t[k], 1.68))
+        rest = later.integrate(h=1e-2, method="rk4").events["rigid stop 0"]
+        np.testing.assert_allclose(rest.t, found.t[k + 1 :], rtol=0, atol=1e-11)
+
+
+def test_the_code_does_not_grow_with_the_number_of_states():
+    def length(n):
+        scene = Scene(1)
+        masses = scene.mass(1.0, np.arange(1.0, n + 1))
+        scene.add(BreakingString(1.0, 1.0, 1.0), masses[:-1], masses[1:])
+        return len(code(scene.problem((0, 1)).rhs))
+
+    assert length(400) == length(200)  # with the same number of digits in each range

@@ -21,6 +21,8 @@ _LENGTHENED = 2.0**9  # factor to an increment of 2^-17, the cube root of round-
 _SMOOTH = 1e-6  # rhs is smooth if the quotients over the two increments differ by at most this, relatively
 _STRAIGHT = 1e-2  # rhs is straight over an increment if two quotients differ by at most this, relatively
 _ROUND_OFF = 1e-6  # relative round-off of products by differences
+_BALANCINGS = 10  # of all unknowns
+_BALANCED = 10  # powers of 2 by which the unit of an unknown may differ from the best one
 _UNDAMPED = 1e-6  # damping ratio below which a system counts as undamped
 
 
@@ -131,10 +133,11 @@ def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
 
     by_u, by_v = _derivatives(counted, t, u, v)
     u, v = np.atleast_1d(u), np.atleast_1d(v)
-    K, C = _all_directions(by_u, by_v, u, v) if u.size <= _FULL else _fast_directions(by_u, by_v, u.size)
+    is_small = u.size <= _FULL
+    K, C = _balanced(*_all_directions(by_u, by_v, u, v)) if is_small else _fast_directions(by_u, by_v, u.size)
     if np.linalg.norm(C, 2) <= _UNDAMPED * math.sqrt(np.linalg.norm(K, 2)):
         C = np.zeros_like(K)  # at v = 0, a force with the square of v gives a small damping in the differences
-    return Linearised(K, C, evaluations, u.size <= _FULL)
+    return Linearised(K, C, evaluations, is_small)
 
 
 def fast_rates(f: Callable, t: float, u: Any, v: Any, h: float) -> np.ndarray:
@@ -151,7 +154,8 @@ def fast_rates(f: Callable, t: float, u: Any, v: Any, h: float) -> np.ndarray:
     n = np.size(u)
     w = np.random.default_rng(4).standard_normal(2 * n)
     by_u, by_v = _derivatives(f, t, u, v)
-    (du, _), (dv, _) = by_u.measure(w[:n]), by_v.measure(w[n:])
+    (du, _), (dv, _), acts = _acting(by_u, by_v, w[:n], w[n:])
+    w *= np.tile(acts, 2)
 
     def product(w: np.ndarray) -> np.ndarray:
         wu, wv = w[:n], w[n:]
@@ -196,10 +200,43 @@ def _all_directions(
     return K, C
 
 
+def _balanced(K: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return K and C without the unknowns on which no force acts, and with others in units that suit their coupling.
+
+    Neither changes a rate, apart from zeros: such unknowns are the states of links, which change only at events. Units
+    may differ by many powers of ten, as of lengths and rates of atoms in SI units.
+    """
+    acts = K.any(axis=1) | C.any(axis=1)
+    if not acts.any():
+        return K, C
+    K, C = K[np.ix_(acts, acts)], C[np.ix_(acts, acts)]
+    sizes = np.abs(K) / (np.abs(K).max() or 1.0) + np.abs(C) / (np.abs(C).max() or 1.0)
+    np.fill_diagonal(sizes, 0.0)
+    units = np.ones(len(K))
+    for _ in range(_BALANCINGS):  # E. E. Osborne, Journal of the ACM 7 (1960), 338
+        for j in range(len(K)):
+            row, column = (sizes[j] @ units) / units[j], (sizes[:, j] / units).sum() * units[j]
+            powers = np.log2(row / column) / 2 if row > 0 and column > 0 else 0.0
+            units[j] *= 2.0 ** np.round(powers) if abs(powers) > _BALANCED else 1.0
+    return K * units / units[:, None], C * units / units[:, None]
+
+
+def _acting(by_u: _Derivative, by_v: _Derivative, wu: np.ndarray, wv: np.ndarray) -> tuple[Any, Any, np.ndarray]:
+    """Return what `measure` returns along two vectors, and a mask of the unknowns on which forces act.
+
+    The others are left out of the vectors: see `_balanced`.
+    """
+    of_u, of_v = by_u.measure(wu), by_v.measure(wv)
+    acts = (of_u[1] != 0) | (of_v[1] != 0)
+    if acts.all() or not acts.any():
+        return of_u, of_v, np.ones_like(acts)
+    return by_u.measure(wu * acts), by_v.measure(wv * acts), acts
+
+
 def _fast_directions(by_u: _Derivative, by_v: _Derivative, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return K and C on the directions in which K, C, and their combination that limits the step, are largest."""
     w = np.random.default_rng(2).standard_normal(n)
-    (du, _), (dv, cw) = by_u.measure(w), by_v.measure(w)
+    (du, _), (dv, cw), acts = _acting(by_u, by_v, w, w)
 
     def k(w: np.ndarray) -> np.ndarray:
         return by_u(w, du)
@@ -207,7 +244,7 @@ def _fast_directions(by_u: _Derivative, by_v: _Derivative, n: int) -> tuple[np.n
     def c(w: np.ndarray) -> np.ndarray:
         return by_v(w, dv)
 
-    stiff, H = _krylov_space(k, n)
+    stiff, H = _krylov_space(k, acts)
     if not cw.any():
         return H, np.zeros_like(H)
     CV = np.array([c(w) for w in stiff])
@@ -215,9 +252,9 @@ def _fast_directions(by_u: _Derivative, by_v: _Derivative, n: int) -> tuple[np.n
     if np.linalg.norm(CV[:-1] - (CV[:-1] @ stiff.T) @ stiff) <= _ROUND_OFF * np.linalg.norm(CV):
         m = max(1, len(stiff) - 1)
         return H[:m, :m], stiff[:m] @ CV[:m].T
-    strong, G = _krylov_space(c, n)
+    strong, G = _krylov_space(c, acts)
     norms = _largest(H), _largest(G)
-    both, _ = _krylov_space(lambda w: _combination(*norms, k(w), c(w)), n)
+    both, _ = _krylov_space(lambda w: _combination(*norms, k(w), c(w)), acts)
     V = _orthonormal(np.concatenate([part[: _DIRECTIONS // 2] for part in (stiff, strong, both)]))
     return V @ np.transpose([k(w) for w in V]), V @ np.transpose([c(w) for w in V])
 
@@ -237,14 +274,16 @@ def _combination(k: float, c: float, K: np.ndarray, C: np.ndarray) -> np.ndarray
     return h * h * K + 3 * h * C
 
 
-def _krylov_space(apply: Callable, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _krylov_space(apply: Callable, acts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return an orthonormal basis of a Krylov space by Arnoldi's iteration, and the operator in this basis.
+
+    The vectors are zero for unknowns on which no force acts.
 
     `scipy.sparse.linalg.eigs` returns no such basis, and `critical_step` and `explain` do not need SciPy.
     If there is memory for only few vectors, the iteration restarts from the best vector.
     """
-    most = max(8, min(_DIRECTIONS, _VALUES // (3 * n)))
-    w = np.random.default_rng(1).standard_normal(n)
+    most = max(8, min(_DIRECTIONS, _VALUES // (3 * acts.size)))
+    w = np.random.default_rng(1).standard_normal(acts.size) * acts
     for _ in range(math.ceil(_DIRECTIONS / most)):
         V, H = _arnoldi(apply, w, most)
         values, vectors = np.linalg.eig(H)

@@ -96,7 +96,7 @@ class BoucWen(Link):
     deltaNu: ArrayLike = 0.0  # noqa: N815
     deltaEta: ArrayLike = 0.0  # noqa: N815
 
-    nonnegative = ("stiffness", "rest_length", "deltaA", "deltaNu", "deltaEta")
+    nonnegative = ("stiffness", "deltaA", "deltaNu", "deltaEta")
     source = (
         "Wen, Journal of the Engineering Mechanics Division 102 (1976) 249; Baber and Noori, Journal of Engineering "
         "Mechanics 111 (1985) 1010"

@@ -64,6 +64,7 @@ class Breaking(OfLaw, Link):
     max_energy: ArrayLike | None = None
 
     crossing = 1
+    at_start = "law must be whole at the start"
     source = "the law, up to a limit"
 
     def __post_init__(self) -> None:

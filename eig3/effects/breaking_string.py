@@ -48,15 +48,16 @@ class BreakingString(Link):
     rest_length: ArrayLike
     strength: ArrayLike
 
-    nonnegative = ("stiffness", "rest_length", "strength")
+    nonnegative = ("stiffness", "strength")
     crossing = 1
+    at_start = "strength must be above the tension at the start"
     source = "Hooke, up to a strength"
     picture = "string"
 
     def check_points(self, masses, positions, columns):
         super().check_points(masses, positions, columns)
         pull = columns["stiffness"] * (distance(positions) - columns["rest_length"])
-        self.require(pull < columns["strength"], "strength must be above the tension at the start")
+        self.require(pull < columns["strength"], self.at_start)
 
     @staticmethod
     @element

@@ -76,7 +76,7 @@ class Cable(Link):
     rest_length: ArrayLike
     damping: ArrayLike = 0.0
 
-    nonnegative = ("stiffness", "rest_length", "damping")
+    nonnegative = ("stiffness", "damping")
     source = "Hooke, in tension only"
 
     @property

@@ -11,7 +11,7 @@ from ..kernels.compile.jit import element
 from ..scene.effect import Link
 
 _AT_REST = 1e-300  # in place of a rate of 0
-_INSIDE = 1e-12  # of the yield force: after a turn, the link is elastic beyond round-off
+INSIDE = 1e-12  # of the yield force: after a turn, the link is elastic beyond round-off
 
 
 @element
@@ -29,6 +29,12 @@ def falling(rate):
 
 
 @element
+def inside(part):
+    """Positive for a part of the yield force below 1. After a turn it is 1, far above the round-off of any rate."""
+    return (1 - part) / INSIDE
+
+
+@element
 def yield_or_turn(r, rate, state, stiffness, yield_force, hardening, rest_length):
     """Negative while the link yields further; it becomes positive where the link turns."""
     middle = hardening * stiffness * (r - rest_length)
@@ -36,13 +42,13 @@ def yield_or_turn(r, rate, state, stiffness, yield_force, hardening, rest_length
     half = (1 - hardening) * yield_force
     if beyond > half:
         return falling(rate)
-    return falling(-rate) if beyond < -half else half - abs(beyond)
+    return falling(-rate) if beyond < -half else inside(abs(beyond) / half)
 
 
 @element
 def plastic_stretch(r, state, stiffness, yield_force, hardening, rest_length):
-    inside = (1 - _INSIDE) * yield_force
-    tension = tension_within(r, state, stiffness, inside, hardening, rest_length)
+    within = (1 - INSIDE) * yield_force
+    tension = tension_within(r, state, stiffness, within, hardening, rest_length)
     return r - rest_length - tension / stiffness
 
 
@@ -73,13 +79,13 @@ def yield_or_turn_of_both(r, rate, state, stiffness, yield_force, hardening, iso
     force, beyond, _ = beyond_yield(r, state, stiffness, yield_force, hardening, isotropic, rest_length)
     if beyond > 0:
         return falling(rate if force > 0 else -rate)
-    return -beyond
+    return inside(abs(force) / (abs(force) - beyond))
 
 
 @element
 def both_after(r, state, stiffness, yield_force, hardening, isotropic, rest_length):
-    inside = (1 - _INSIDE) * yield_force
-    return plastic_and_accumulated(r, state, stiffness, inside, hardening, isotropic, rest_length)
+    within = (1 - INSIDE) * yield_force
+    return plastic_and_accumulated(r, state, stiffness, within, hardening, isotropic, rest_length)
 
 
 @element
@@ -147,7 +153,6 @@ class ElasticPlastic(Link):
     rest_length: ArrayLike = 0.0
     isotropic: ArrayLike = 0.0
 
-    nonnegative = ("rest_length",)
     crossing = 1
     source = "Prager, in one dimension; Simo and Hughes, Computational Inelasticity, Springer (1998), section 1.4"
     picture = "spring"

@@ -78,7 +78,7 @@ class Gap(Link):
     rest_length: ArrayLike = 0.0
     damping: ArrayLike = 0.0
 
-    nonnegative = ("stiffness", "gap", "rest_length", "damping")
+    nonnegative = ("stiffness", "gap", "damping")
     source = "Hooke, in compression only"
     picture = "spring"
 

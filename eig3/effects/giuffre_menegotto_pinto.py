@@ -124,7 +124,7 @@ class GiuffreMenegottoPinto(Link):
     a3: ArrayLike = 0.0
     a4: ArrayLike = 1.0
 
-    nonnegative = ("rest_length", "cR1", "cR2", "a1", "a3")
+    nonnegative = ("cR1", "cR2", "a1", "a3")
     crossing = 1
     state_size = 6
     source = "Menegotto and Pinto, IABSE Symposium on Resistance and Ultimate Deformability (1973) 15"

@@ -43,7 +43,7 @@ class HardeningSpring(Link):
     cubic: ArrayLike
     rest_length: ArrayLike = 0.0
 
-    nonnegative = ("stiffness", "rest_length")
+    nonnegative = ("stiffness",)
     source = "EIG-3 article, section 4.2"
     picture = "spring"
 

@@ -64,7 +64,7 @@ class LinearSpring(Link):
     stiffness: ArrayLike
     rest_length: ArrayLike = 0.0
 
-    nonnegative = ("stiffness", "rest_length")
+    nonnegative = ("stiffness",)
     source = "Hooke"
     picture = "spring"
 

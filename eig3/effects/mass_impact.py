@@ -51,6 +51,7 @@ class MassImpact(Link):
 
     nonnegative = ("contact_distance", "restitution")
     crossing = -1
+    at_start = "contact_distance must be below the distance at the start"
     source = "Newton's law of restitution"
     picture = "discs"
 
@@ -69,10 +70,7 @@ class MassImpact(Link):
 
     def check_points(self, masses, positions, columns):
         super().check_points(masses, positions, columns)
-        self.require(
-            distance(positions) > columns["contact_distance"],
-            "contact_distance must be below the distance at the start",
-        )
+        self.require(distance(positions) > columns["contact_distance"], self.at_start)
 
     @staticmethod
     @element

@@ -11,14 +11,12 @@ from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import OPTIONS, element
 from ..scene.effect import Link
-from .elastic_plastic import falling
-
-_INSIDE = 1e-12  # of the yield stretch: after a turn, the elements are elastic beyond round-off
+from .elastic_plastic import INSIDE, falling, inside
 
 
 def after_turn(s, state, stretches):
     """The plastic stretches of the elements after a turn at the stretch s."""
-    limits = (1 - _INSIDE) * np.asarray(stretches[: len(state)])
+    limits = (1 - INSIDE) * np.asarray(stretches[: len(state)])
     return tuple((s - np.clip(s - np.asarray(state), -limits, limits)).tolist())
 
 
@@ -34,8 +32,8 @@ def _after_turn(s, state, stretches):
 
 @element
 def plastic(s, state, stretch):
-    inside = (1 - _INSIDE) * stretch
-    return s - min(inside, max(-inside, s - state))
+    within = (1 - INSIDE) * stretch
+    return s - min(within, max(-within, s - state))
 
 
 @element
@@ -50,14 +48,11 @@ def tension_of_elements(r, state, stretches, forces, rest_length):
 
 @element
 def first_yields_or_turns(r, rate, state, stretches, forces, rest_length):
-    """Negative while the first element yields further; positive where it turns, and with it all others that yield.
-
-    After a turn, it is a force, since a stretch would be as small as the round-off of the rate before the turn.
-    """
+    """Negative while the first element yields further; positive where it turns, and with it all others that yield."""
     elastic = r - rest_length - state[0]
     if elastic > stretches[0]:
         return falling(rate)
-    return falling(-rate) if elastic < -stretches[0] else forces[0] * (1 - abs(elastic) / stretches[0])
+    return falling(-rate) if elastic < -stretches[0] else inside(abs(elastic) / stretches[0])
 
 
 @element
@@ -111,7 +106,6 @@ class Multilinear(Link):
     rest_length: ArrayLike = 0.0
 
     vectors = ("stretches", "forces")
-    nonnegative = ("rest_length",)
     crossing = 1
     source = "Iwan, Journal of Applied Mechanics 33 (1966) 893"
     picture = "spring"

@@ -57,6 +57,7 @@ class RigidStop(Body):
     vectors = ("normal",)
     nonnegative = ("restitution",)
     crossing = -1
+    at_start = "offset must leave each mass on the free side at the start"
     source = "Newton's law of restitution"
     picture = "plane"
 
@@ -69,7 +70,7 @@ class RigidStop(Body):
     def check_points(self, masses, positions, columns):
         super().check_points(masses, positions, columns)
         above = (columns["normal"] * positions[0]).sum(axis=-1) - columns["offset"]
-        self.require(above > 0, "offset must leave each mass on the free side at the start")
+        self.require(above > 0, self.at_start)
 
     @staticmethod
     @element

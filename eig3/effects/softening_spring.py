@@ -44,7 +44,7 @@ class SofteningSpring(Link):
     saturation: ArrayLike = 1.0
     rest_length: ArrayLike = 0.0
 
-    nonnegative = ("stiffness", "rest_length")
+    nonnegative = ("stiffness",)
     source = "EIG-3 article, section 4.3, after Xie"
     picture = "spring"
 

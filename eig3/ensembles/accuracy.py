@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..functions.checks import check_method, shown
+from ..functions.companions import history_of
 from ..result.solution import Status
 from ..run.accuracy import (
     AIM,
@@ -32,8 +33,13 @@ from .solution import EnsembleSolution
 _INTERRUPTED = "The ensemble was interrupted before this member had reached the accuracy."
 
 
-def check_members_method(method: Any) -> Any:
-    """Refuse a method with a fixed step."""
+def check_members_method(rhs: Any, method: Any) -> Any:
+    """Refuse a method with a fixed step, and grains."""
+    if history_of(rhs):
+        raise ValueError(
+            "accuracy of an ensemble needs tolerances, which do not bound the error of springs between grains: give h "
+            "and check=True."
+        )
     if method is None or isinstance(check_method(method), WITH_TOLERANCES):
         return method
     raise ValueError(f"accuracy of an ensemble needs a method with tolerances: RK5, RK8 or RKN12, not {shown(method)}.")

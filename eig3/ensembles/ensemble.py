@@ -146,7 +146,7 @@ def ensemble(
     else:
         goal = check_goal(accuracy, scale, max_seconds)
         refuse_steps(h=h, rtol=rtol, atol=atol, first_step=first_step, max_steps=max_steps)
-        method, rtol = check_members_method(method), first_rtol(goal)
+        method, rtol = check_members_method(rhs, method), first_rtol(goal)
     check_progress(progress)
     check_executor(executor)
     check_reduce(reduce)
@@ -211,8 +211,10 @@ def ensemble(
 
 def of_members(rhs: Any, members: Members, options: RunOptions) -> RunOptions:
     """Return the options of members with the method of their runs, after all checks of a single run."""
-    times = check_times(options.t_eval, *members.t_span)
-    return Prepared(rhs, members.form, options).options._replace(t_eval=times)
+    times, prepared = check_times(options.t_eval, *members.t_span), Prepared(rhs, members.form, options)
+    for i in range(len(members) if prepared.has_rules else 0):
+        prepared.check_rules(f"member {members.first + i}", members.t_span, *members.start(i))
+    return prepared.options._replace(t_eval=times)
 
 
 def _refuse_parallel(rhs: Any) -> None:

@@ -11,6 +11,8 @@ import numpy as np
 from ..keywords import with_suggestions
 from .checks import check_names, shown
 
+_AT_ONCE = 1e-9  # of the span: the motion is then far beyond the round-off of a located zero
+
 
 @with_suggestions()
 @dataclass(frozen=True)
@@ -63,6 +65,29 @@ class Event:
             raise ValueError(f"direction must be -1, 0 or 1, not {self.direction!r}.")
         if not isinstance(self.terminal, bool):
             raise ValueError(f"terminal must be True or False, not {self.terminal!r}.")
+
+
+@dataclass(frozen=True)
+class EffectEvent(Event):
+    """An event of an effect.
+
+    Parameters
+    ----------
+    rule : str
+        What must hold at the start of a run, in an error; empty if the start may lie behind the event.
+    """
+
+    rule: str = ""
+
+    def is_missed(self, g: Any, span: tuple[float, float], u: np.ndarray, v: np.ndarray, p: np.ndarray) -> bool:
+        """Return whether a start breaks the rule: it lies at the event or behind it.
+
+        A run may begin where another one has bounced: the motion then leaves the event at once.
+        """
+        if not self.direction * g(span[0], u, v, p) >= 0:
+            return False
+        soon = _AT_ONCE * (span[1] - span[0])
+        return not self.direction * g(span[0] + soon, u + soon * v, v, p) < 0
 
 
 @dataclass(frozen=True, eq=False)

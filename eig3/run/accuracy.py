@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..functions.checks import check_cancel, check_method, check_span, reals, shown
+from ..functions.companions import history_of
 from ..functions.layout import unknown_name
 from ..kernels.compile.interrupt import keeping
 from ..methods import RK5, RK8, RKN12
@@ -207,7 +208,8 @@ def reach(
     if of_call.get("save_to") is not None:
         raise ValueError("accuracy and save_to exclude each other: several runs may be needed; save the solution.")
     method = None if options.get("method") is None else check_method(options["method"])
-    knob = "rtol" if method is None or isinstance(method, WITH_TOLERANCES) else "h"
+    adapts = (method is None or isinstance(method, WITH_TOLERANCES)) and history_of(rhs) is None
+    knob = "rtol" if adapts else "h"  # a history is of first order in the step, which tolerances do not see
     raises, key = bool(of_call.get("raise_on_failure")), (method, *sorted(goal.wanted.items()), goal.scale)
     deadline = Deadline(goal, of_call.get("cancel"))
     cancel = deadline.of_runs

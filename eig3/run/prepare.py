@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import check_flag, check_params, check_resolution, check_span, check_state, shown
+from ..functions.events import EffectEvent
 from ..functions.first_order import check_z0
 from ..functions.guard import guarded
 from ..functions.named import WITHOUT_NAMES, has_names, in_layout, named
@@ -75,6 +76,9 @@ class Prepared:
             options = options._replace(method=usual_method(options.tolerances.rtol, reads_velocity))
         self.options = options
         self._system: System = remembered(rhs, form, options)
+        pairs = zip(options.events.items(), self._system.event_callbacks, strict=True)
+        of_effects = ((name, event, g.call) for (name, event), (g, _) in pairs if isinstance(event, EffectEvent))
+        self._rules = [each for each in of_effects if each[1].rule]
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
 
@@ -148,6 +152,8 @@ class Prepared:
             if self._params_check and given is not self._defaults[3]:
                 self._params_check(params)
         start = check_span(span), u, v, guarded(check_params(params))
+        if self._rules:
+            self.check_rules("the start", *start)
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
         solution = self._if_short(*start) if is_plain else None
         solution = solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
@@ -162,6 +168,17 @@ class Prepared:
         start = span, u, v, guarded(params)
         solution = self._if_short(*start)
         return solution or carry_out(partial(self._begin, *start, False, None), cancel, raise_on_failure=False)
+
+    @property
+    def has_rules(self) -> bool:
+        """Whether an event has a rule for the start."""
+        return bool(self._rules)
+
+    def check_rules(self, who: str, *start: Any) -> None:
+        """Raise a ValueError if a start lies behind an event of an effect that would then never occur."""
+        for name, event, g in self._rules:
+            if event.is_missed(g, *start):
+                raise ValueError(f"{event.rule}, but {who} lies behind {name!r}: change u0, t_span or params.")
 
     def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
         """Return a stepper at a checked start, after the checks of the right-hand side and the method."""

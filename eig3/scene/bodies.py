@@ -210,14 +210,14 @@ class RigidBody:
         ----------
         other : RigidBody or None
         law : Link
-            The angle is 0 at the start, and from -pi to pi; ``rest_length`` is an angle too.
+            The angle is 0 at the start, and from -pi to pi; ``rest_length`` is an angle too, and may be negative.
         axis : array_like, shape (3,), optional
             In space, the axis of the joint; the angle is positive by the right-hand rule.
 
         Raises
         ------
         TypeError, ValueError
-            For what is not a link along one line, and for impacts.
+            For what is not a link along one line, for impacts, and for a ``rest_length`` of half a turn or more.
         """
         kind = HingeLaw if axis is None else HingeLawInSpace
         self.scene.add(kind(law), *self._about(other, axis, "a torsional spring"))

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..functions.callbacks import jit
 from ..functions.companions import Constraints, History
-from ..functions.events import Event
+from ..functions.events import EffectEvent, Event
 from ..functions.families import Family
 from ..kernels import team
 from ..kernels.compile.jit import code_address, with_symbol
@@ -212,8 +212,9 @@ class _Functions(Text):
                     self._line("a[k] = 0.0")
             for near in self._near:
                 near.forces()
-            for k in range(self._coordinates, self._n_states):
-                self._line(f"a[{k}] = 0.0")
+            if self._n_states > self._coordinates:
+                with self._block(f"for k in range({self._coordinates}, {self._n_states})"):
+                    self._line("a[k] = 0.0")
             for group in self._with_states:
                 group.rates()
             if self._follows_work:
@@ -291,11 +292,12 @@ class _Functions(Text):
         found: dict[str, Event] = {}
         for k, law in enumerate(self._occurring):
             count, changes = law.events.size, any(name in law.functions for name in FORCES)
+            crossing, rule = law.effect.crossing, law.effect.rule
             g, apply = _members(functions[f"event_{k}"], count), [unchanged if changes else None] * count
             if f"reset_{k}" in functions:
                 apply = _members(functions[f"reset_{k}"], count)
             for s, number in enumerate(law.events):
-                found[names[number]] = Event(g[s], law.effect.crossing, apply=apply[s])
+                found[names[number]] = EffectEvent(g[s], crossing, apply=apply[s], rule=rule)
         return {name: found[name] for name in names}  # in the order in which the effects were added
 
     # The parts of these functions

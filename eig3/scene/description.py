@@ -21,6 +21,7 @@ from .frictional_contact import FrictionalContact
 from .pair_force import PairForce, check_pair_force
 from .picture import moves
 from .placed import Placed
+from .point_joint import PointJoint
 
 _ANGLES = {1: 0, 2: 1, 3: 3}  # of a mass that spins, by the dimension
 
@@ -294,6 +295,8 @@ class Description:
         positions = [cloud.positions[i] for i in flat]
         if isinstance(effect, Link):
             positions = _nearest(positions, cloud.box)
+        elif not isinstance(effect, PointJoint):
+            _check_whole(effect.title, positions, cloud.box)
         effect.check_points([cloud.masses[i] for i in flat], positions, columns)
         if not flat[0].size:
             return
@@ -492,6 +495,16 @@ def spread(values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
         return np.broadcast_to(values, shape)
     except ValueError:
         raise ValueError(f"{name} of masses must have the shape {shape} of these masses, not {values.shape}.") from None
+
+
+def _check_whole(title: str, positions: list[np.ndarray], box: np.ndarray) -> None:
+    """Refuse cells and constraints of consecutive points that have nearer images in a periodic box: they use none."""
+    apart = (np.abs(np.diff(positions, axis=0)) > np.where(box > 0, box / 2, np.inf)).any(axis=(0, 2))
+    if apart.any():
+        raise ValueError(
+            f"{title} {int(np.argmax(apart))} has points more than half a side of the box apart, and uses no periodic "
+            "images: give the positions of a molecule or mesh that is whole, not wrapped into the box."
+        )
 
 
 def _nearest(positions: list[np.ndarray], box: np.ndarray) -> list[np.ndarray]:

@@ -73,6 +73,9 @@ class Effect:
     crossing : {-1, 0, 1}
         The changes of sign at which the event occurs: 1 from negative to positive only, -1 from positive to negative
         only, 0 both.
+    at_start : str
+        For a `crossing` that is not 0: what must hold at the start of a run, as "offset must be below each mass". A
+        start at the event or behind it is then refused, because the event would not occur. Empty if it may be there.
     source : str
         The source of the formula in the literature.
     picture : str
@@ -87,6 +90,7 @@ class Effect:
     arrays: ClassVar[tuple[str, ...]] = ()
     nonnegative: ClassVar[tuple[str, ...]] = ()
     crossing: ClassVar[int] = 0
+    at_start: ClassVar[str] = ""
     source: ClassVar[str] = ""
     picture: ClassVar[str] = ""
 
@@ -336,8 +340,16 @@ class Effect:
     def require(self, condition: Any, what: str) -> None:
         """Raise a ValueError if a condition on a field is false. `what` is the message, as "width must be positive"."""
         if not np.all(condition):
-            name, _, rest = what.partition(" ")
-            raise ValueError(f"{name} of {self.title} {rest}.")
+            raise ValueError(f"{self._said(what)}.")
+
+    @property
+    def rule(self) -> str:
+        """What must hold at the start of a run, with the name of the effect."""
+        return self._said(self.at_start)
+
+    def _said(self, what: str) -> str:
+        name, _, rest = what.partition(" ")
+        return f"{name} of {self.title} {rest}" if what else ""
 
     def require_unit(self, vector: str) -> None:
         """Raise a ValueError if a field contains a vector that is not a unit vector."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -25,13 +26,15 @@ _PULLS = {"tension": "", "force_density": " * r"}
 class HingeLaw(OfLaw, Cell):
     """A law between two bodies, which have the vectors x0 and x1 in the plane.
 
-    `kinematics` has three functions: the angle, its rate, and the forces of a torque that increases it.
+    `kinematics` has three functions: the angle, its rate, and the forces of a torque that increases it. Angles are
+    smaller than `reach`.
     """
 
     law: Any
 
     takes = (2,)
     dimensions = (2,)
+    reach: ClassVar[float] = math.pi
     kinematics: ClassVar[tuple[Any, Any, Any]] = angle_in_plane, rate_in_plane, couple_in_plane
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
         **dict.fromkeys(("forces", "event", "state_after", RATE), _OF_JOINT),
@@ -48,6 +51,8 @@ class HingeLaw(OfLaw, Cell):
         self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
     ) -> None:
         super().check_points(masses, positions, columns)
+        rest = np.abs(columns.get("rest_length", np.zeros(1)))
+        self.require(rest < self.reach, "rest_length must be between -pi and pi in a hinge, in rad")
         if hasattr(self.law, "check_whole"):
             self.law.check_whole(columns, np.zeros(1))
 
@@ -62,6 +67,10 @@ class HingeLaw(OfLaw, Cell):
     @property
     def crossing(self) -> int:  # type: ignore[override]
         return int(self.law.crossing)
+
+    @property
+    def at_start(self) -> str:  # type: ignore[override]
+        return str(self.law.at_start)
 
     def functions(self) -> dict[str, Any]:
         return dict(_of_joint(tuple(self.law.functions().items()), self.takes[0], self.kinematics))
@@ -84,6 +93,7 @@ class HingeLawInSpace(HingeLaw):
 class SlideLaw(HingeLawInSpace):
     """A law for the displacement of the point x0 of a body from x1 of the second body along its unit vector x2."""
 
+    reach = math.inf
     kinematics = displacement, displacement_rate, forces_along
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..functions.callbacks import without_runtime
 from ..functions.checks import shown
-from ..functions.events import Event
+from ..functions.events import EffectEvent, Event
 from ..functions.families import Family
 from ..functions.layout import Layout, unknown_name
 from ..kernels.compile.numba_internals import Jitted
@@ -37,6 +37,8 @@ class Kind(NamedTuple):
     functions : tuple of (str, jitted function)
     crossing : int
         The changes of sign at which their events occur: see `eig3.effects.Link`.
+    rule : str
+        What must hold at the start of a run, in an error.
     size : int
         The number of values of a state.
     directions : int
@@ -48,6 +50,7 @@ class Kind(NamedTuple):
     title: str
     functions: tuple[tuple[str, Any], ...]
     crossing: int
+    rule: str
     size: int
     directions: int
     vectors: tuple[tuple[str, int], ...]
@@ -110,7 +113,8 @@ def check_links(links: Any, names: Sequence[str], n: int, u0: np.ndarray) -> tup
         if law.ductility:
             acting["ductility"] = _ductility(law, ends[0].shape[:1])
         vectors = tuple((name, law.components(name, 1)) for name in law.vectors)
-        kind = Kind(words(law.title), tuple(acting.items()), law.crossing, law.state_size, law.directions, vectors)
+        of_law = law.crossing, law.rule, law.state_size, law.directions
+        kind = Kind(words(law.title), tuple(acting.items()), *of_law, vectors)
         if "rate_after" in law.functions():
             raise ValueError(f"{said} changes velocities at events, which a structure does not take: use a scene.")
         columns = law.columns(ends[0].shape[:1], 1)
@@ -218,7 +222,7 @@ def events_of(
             changes = "state_after" in kind.names
             for s in range(count):
                 name = f"{kind.title} {counts[kind.title] + s}"
-                found[name] = Event(g[s], kind.crossing, apply=apply[s] if changes else None)
+                found[name] = EffectEvent(g[s], kind.crossing, apply=apply[s] if changes else None, rule=kind.rule)
             counts[kind.title] += count
         before += f" + {kind.size} * {number_of_links(k, kind.directions)}" * kind.has_state
     return found
