@@ -50,9 +50,9 @@ PAIRS = [
     for pair in itertools.combinations(NAMES, 2)
     if set(pair) != {"save_every", "t_eval"} and ("inline" not in pair or WITH_INLINE.issuperset(pair))
 ]
-# Each set of looks is another loop to compile with inline: these have all.
+# Each set of quantities is another loop to compile with inline: these have one.
 PAIRS += [("events", "apply", "save_every", "outputs", "invariants", "invariants_every", "inline")]
-PAIRS += [("terminal", "t_eval", "outputs", "inline")]
+PAIRS += [("terminal", "t_eval", "outputs", "invariants", "inline")]
 
 
 def integrate(names, steps, t_end=SPAN[1], **further):
