@@ -48,7 +48,7 @@ WITHOUT_VELOCITY = [eig3.EIG3(velocity="none"), eig3.CentralDifference(velocity=
 
 
 def pytest_sessionstart():
-    gc.set_threshold(100_000, 20, 100)  # a compiler makes millions of objects: collections took an eighth of the time
+    gc.set_threshold(10**6, 20, 100)  # a compiler makes millions of objects: collections took an eighth of the time
 
 
 def pytest_collection_finish():
