@@ -99,6 +99,12 @@ def coupled(t, u, v, p, a):
 
 
 @eig3.jit
+def damped(t, u, v, p):
+    """With u(0) = 1 and v(0) = 0, the exact motion is cos t."""
+    return -u - 0.2 * v - 0.2 * np.sin(t)
+
+
+@eig3.jit
 def hardening(t, u, v, p):
     return np.sin(t) - p[0] * u * (1 + u * u)
 
@@ -125,6 +131,11 @@ def velocity(t, u, v, p):
 @eig3.jit
 def first_position(t, u, v, p):
     return u[0]
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return u * u + v * v
 
 
 @eig3.jit
