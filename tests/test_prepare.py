@@ -396,7 +396,7 @@ def pushed(t, u, v, p):
     return t - u
 
 
-def test_a_run_from_rest_is_done_once(monkeypatch):
+def test_a_run_from_rest_is_done_once(always_short, monkeypatch):
     """Its size is measured in the middle; it was done as a short run without this size, and then again."""
     tried = []
     at_once = short.at_once
