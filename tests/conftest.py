@@ -48,7 +48,7 @@ WITHOUT_VELOCITY = [eig3.EIG3(velocity="none"), eig3.CentralDifference(velocity=
 
 
 def pytest_sessionstart():
-    gc.set_threshold(100_000, 20, 100)  # a compiler makes millions of objects: collections took an eighth of the time
+    gc.set_threshold(10**6, 20, 100)  # a compiler makes millions of objects: collections took an eighth of the time
 
 
 def pytest_collection_finish():
@@ -99,6 +99,12 @@ def coupled(t, u, v, p, a):
 
 
 @eig3.jit
+def damped(t, u, v, p):
+    """With u(0) = 1 and v(0) = 0, the exact motion is cos t."""
+    return -u - 0.2 * v - 0.2 * np.sin(t)
+
+
+@eig3.jit
 def hardening(t, u, v, p):
     return np.sin(t) - p[0] * u * (1 + u * u)
 
@@ -125,6 +131,11 @@ def velocity(t, u, v, p):
 @eig3.jit
 def first_position(t, u, v, p):
     return u[0]
+
+
+@eig3.jit
+def energy(t, u, v, p):
+    return u * u + v * v
 
 
 @eig3.jit

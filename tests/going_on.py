@@ -13,11 +13,6 @@ VECTOR_WITHOUT_V = {"rhs": hardening_chain, "u0": [1.0, 2.0, 3.0], "v0": [0.0] *
 
 
 @eig3.jit
-def energy(t, u, v, p):
-    return u * u + v * v
-
-
-@eig3.jit
 def steady(t, u, v, p):
     return t + 0.1 * u
 

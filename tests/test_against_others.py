@@ -9,7 +9,7 @@ import pytest
 from eig3.bench.forces import in_lammps, in_openmm, systems
 from eig3.bench.rivals import lammps
 
-from .conftest import acceleration
+from .test_neighbours import by_python
 
 STORED = json.loads(Path(__file__).with_name("forces_of_lammps.json").read_text())
 
@@ -21,7 +21,7 @@ def compare(found, expected, tolerance):
 
 def of_the_scene(name):
     problem = systems.problem(name)
-    return acceleration(problem, problem.u0, problem.v0).reshape(3, -1).T
+    return by_python(problem).reshape(3, -1).T
 
 
 @pytest.mark.parametrize("name", systems.NAMES)

@@ -11,6 +11,8 @@ from eig3 import effects
 from eig3.effects import Link
 from eig3.scene import Scene
 
+from .test_neighbours import energy_by_python
+
 CHAIN = [(0, 1), (1, 2), (2, 3)]
 BRANCHED = [(0, 1), (1, 2), (2, 3), (1, 4), (4, 5)]
 RING = [(0, 1), (1, 2), (2, 3), (3, 0)]
@@ -62,7 +64,7 @@ def molecule(bonds, effect, exclude, bond=None, x=None):
     alone = scene.problem((0.0, 1.0)) if effect is not None else None
     scene.add(effect, atoms, exclude_bonded=exclude)
     whole = scene.problem((0.0, 1.0))
-    return x, whole.energy_of(whole.u0, whole.v0) - alone.energy_of(alone.u0, alone.v0)
+    return x, energy_by_python(whole) - energy_by_python(alone)
 
 
 @pytest.mark.parametrize("exclude", CHOICES)

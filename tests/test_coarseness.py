@@ -8,7 +8,7 @@ import pytest
 import eig3
 from eig3 import integrate, problems
 
-from .conftest import oscillator, oscillator_vector
+from .conftest import oscillator, oscillator_vector, position
 from .test_grains import Block, on_a_post
 
 
@@ -95,14 +95,10 @@ def test_resets_are_no_turns():
     """A ball that bounces ten times in the last steps of the run."""
 
     @eig3.jit
-    def height(t, u, v, p):
-        return u
-
-    @eig3.jit
     def bounce(t, u, v, p):
         return 0.0, -v
 
-    events = {"floor": eig3.Event(height, direction=-1, apply=bounce)}
+    events = {"floor": eig3.Event(position, direction=-1, apply=bounce)}
     run = integrate(falling, (0, 10), 1.0, 0.0, h=0.5, events=events)
     assert len(run.events["floor"]) > 10
     assert not coarse(run)

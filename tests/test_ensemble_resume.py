@@ -17,6 +17,7 @@ from eig3.ensembles import parts
 from eig3.math import cos
 
 from .conftest import oscillator, position, velocity
+from .test_resume import After
 
 MEMBERS = 300  # 3 parts: two of 128 members, and one of 44
 PARAMS = np.column_stack([np.linspace(1.0, 4.0, MEMBERS), np.full(MEMBERS, 0.05)])
@@ -43,17 +44,6 @@ def assert_same(found, expected):
         np.testing.assert_equal(getattr(found, name), getattr(expected, name))
     for name, occurrences in found.events.items():
         np.testing.assert_equal(vars(occurrences), vars(expected.events[name]))
-
-
-class After:
-    """A cancellation after so many looks at it."""
-
-    def __init__(self, looks):
-        self.left = looks
-
-    def is_set(self):
-        self.left -= 1
-        return self.left < 0
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 
 import eig3
 
-from .conftest import bounce, oscillator, position
-from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, energy, forces, steady
+from .conftest import bounce, energy, oscillator, position
+from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, forces, steady
 
 
 def integrate(system, t_end, **options):

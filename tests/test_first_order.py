@@ -11,6 +11,8 @@ from scipy.linalg import expm
 import eig3
 from eig3.methods import METHODS
 
+from .conftest import first_position
+
 P = np.array([4.0, 1.5, 0.7])  # stiffnesses per mass, and the relaxation time
 START = np.array([1.0, 0.3, 0.2])  # u, v and z
 END = 3.0
@@ -50,11 +52,6 @@ def force(t, u, v, z, p, out):
 @eig3.jit
 def stretch(t, u, v, z, p):
     return z[0]
-
-
-@eig3.jit
-def height(t, u, v, p):
-    return u[0]
 
 
 def exact(t, p=P, start=START):
@@ -259,7 +256,7 @@ def test_events_read_z_and_change_it(options):
     # Within a step of 0.01, EIG-3 has errors of about 1e-5.
     assert changed.z_at(t - 1e-4)["z"] == pytest.approx(-1e-4 * changed.at(t)[1][0], abs=1e-5)
     assert {"z", "z_after"} <= {*changed.events["empty"].to_pandas().columns}
-    assert run(events={"down": eig3.Event(height, terminal=True)}, **options).status is eig3.Status.TERMINATED
+    assert run(events={"down": eig3.Event(first_position, terminal=True)}, **options).status is eig3.Status.TERMINATED
 
 
 @pytest.mark.parametrize("options", [{"h": 0.01}, {"rtol": 1e-8, "method": "rk8"}], ids=["h", "rtol"])

@@ -52,17 +52,22 @@ class Block(effects.FrictionalContact):
         return loss
 
 
-def oblique(dimension=2, v=0.5, spin=0.0, **fields):
-    """Two spheres that strike each other obliquely."""
-    scene = Scene(dimension)
-    x = np.zeros((2, dimension))
-    x[1, :2] = 0.19, 0.08
-    speeds = np.zeros((2, dimension))
-    speeds[:, 0] = v, -v
-    if dimension == 3:
-        x[1, 2], spin = 0.03, np.array([[spin, 0.5 * spin, -spin], [0.0, spin, spin]])
-    scene.add(hertz_mindlin(**fields), scene.mass(M, x, speeds, inertia=SPHERE, angular_velocity=spin))
+def of_two(places, speeds, spins, stiffness=0.01, **fields):
+    """Two spheres in a plane, and a spring between them: a weak one holds 1 % of the energy."""
+    scene = Scene(2)
+    pair = scene.mass(M, places, speeds, inertia=SPHERE, angular_velocity=spins)
+    scene.add(hertz_mindlin(**fields), pair)
+    scene.add(effects.LinearSpring(stiffness, rest_length=0.1), pair[0], pair[1])
     return scene
+
+
+def oblique(dimension=2, spin=0.0, **fields):
+    """Two spheres that strike each other obliquely, in space beside a third one."""
+    if dimension == 2:
+        return of_two([[0, 0], [0.19, 0.08]], [[0.5, 0], [-0.5, 0]], spin, **fields)
+    places, speeds = [[0, 0, 0], [0.19, 0.08, 0.03], [0, 9, 0]], [[0.5, 0, 0], [-0.5, 0, 0], [0, 0, 0]]
+    spins = spin * np.array([[1.0, 0.5, -1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
+    return of_three(np.full(3, M), places, speeds, spins, contact_distance=np.full(3, 2 * R), **fields)
 
 
 def heap(n=6, dimension=2, **fields):
@@ -188,12 +193,7 @@ def test_the_order_is_two_while_a_contact_holds(method):
     """
     ends = []
     for h in (4e-5, 2e-5, 1e-5):
-        scene = Scene(2)
-        pair = scene.mass(
-            M, [[0, 0], [0.195, 0.01]], [[0, 0.02], [0, -0.03]], inertia=SPHERE, angular_velocity=[0.3, -0.5]
-        )
-        scene.add(hertz_mindlin(E=5e5, friction=50.0), pair)
-        scene.add(effects.LinearSpring(300.0, rest_length=0.1), pair[0], pair[1])
+        scene = of_two([[0, 0], [0.195, 0.01]], [[0, 0.02], [0, -0.03]], [0.3, -0.5], 300.0, E=5e5, friction=50.0)
         ends.append(scene.problem((0, 0.002)).integrate(h=h, method=method, save_every=None).v[-1])
     ratio = np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(ends[1] - ends[2])
     assert 3.5 < ratio < 4.7
@@ -240,15 +240,16 @@ CASES = [(2, {}), (2, {"friction": 2.0}), (3, {"restitution": 0.6})]
 def test_momentum_and_angular_momentum_are_kept_and_no_energy_is_made(dimension, fields):
     problem = oblique(dimension, spin=4.0, **fields).problem((0, 0.1), work=True)
     run = problem.integrate(h=5e-6, save_every=200)
-    n = 2 * dimension
-    x, v = (values[:, :n].reshape(-1, dimension, 2) for values in (run.u, run.v))
-    spins = run.v[:, n:].reshape(len(run.t), -1, 2)
+    n = dimension * dimension  # as many spheres as directions
+    x, v = (values[:, :n].reshape(-1, dimension, dimension) for values in (run.u, run.v))
+    spins = run.v[:, n:].reshape(len(run.t), -1, dimension)
+    inertia = SPHERE if dimension == 2 else SPHERE * np.array([1.0, 2.0, 3.0])
     np.testing.assert_allclose(v.sum(axis=2), v[:1].sum(axis=2).repeat(len(v), 0), rtol=0, atol=1e-12)
     if dimension == 2:
         orbital = M * (x[:, 0] * v[:, 1] - x[:, 1] * v[:, 0]).sum(axis=1)[:, None]
     else:
         orbital = M * np.cross(x, v, axis=1).sum(axis=2)
-    angular = orbital + SPHERE * spins.sum(axis=2)
+    angular = orbital + (inertia * spins).sum(axis=2)
     assert np.abs(spins[-1] - spins[0]).max() > 0.5
     # EIG-3 keeps x and v of one time only to its order: the part of the orbits has an error of this size
     scale = np.abs(orbital).max()

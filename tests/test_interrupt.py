@@ -14,16 +14,11 @@ from eig3.kernels.compile.interrupt import DeferredInterrupt
 from eig3.stepping import slices
 from eig3.stepping.march import March
 
-from .conftest import harmonic, harmonic_vector
+from .conftest import energy, harmonic, harmonic_vector
 
 pytestmark = pytest.mark.usefixtures("python_handler")
 
 STEP = 2.0**-10  # exact in binary, so that t = n STEP is exact too
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return u * u + v * v
 
 
 @pytest.fixture(autouse=True, scope="module")

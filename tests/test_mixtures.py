@@ -208,7 +208,7 @@ def test_a_mixture_with_charges_conserves_its_energy():
 def test_opposite_charges_limit_the_step():
     """As if each charge were in the prefactor of the one pair: two equal charges would repel each other."""
 
-    def pair(coulomb, charge_of_second=-1.0):
+    def pair(coulomb):
         scene = Scene(3)
         ends = scene.mass(1.0, [[0.0, 0.0, 0.0], [1.5, 0.0, 0.0]])
         scene.add(LennardJones(1.0, 1.0, 2.5), ends)

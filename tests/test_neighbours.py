@@ -58,6 +58,11 @@ def by_python(problem, *state, **options):
     return acceleration(problem, *state, rhs=in_python(problem.rhs), **options)
 
 
+def energy_by_python(problem, u=None, v=None, t=0.0):
+    u, v = problem.u0 if u is None else u, problem.v0 if v is None else v
+    return in_python(problem.energy)(t, u, v, problem.params.copy())
+
+
 def in_vectors(problem, *state, **options):
     """The acceleration by compiled code that takes the roots of several distances at once."""
     rhs = eig3.jit(problem.rhs.py_func, cache=False)  # code from the disk has no text
@@ -121,8 +126,7 @@ def test_near_pairs_have_the_forces_of_all_pairs(case):
     found = (by_python if damping else in_vectors)(problem)
     np.testing.assert_allclose(found, force.T.ravel() / 1.3, rtol=0, atol=1e-12 * np.abs(force).max())
     if not damping:
-        energy = in_python(problem.energy)(0.0, problem.u0, problem.v0, problem.params.copy())
-        assert energy == pytest.approx(stored + 1.3 / 2 * (v**2).sum(), rel=1e-13)
+        assert energy_by_python(problem) == pytest.approx(stored + 1.3 / 2 * (v**2).sum(), rel=1e-13)
 
 
 @pytest.mark.parametrize("kind", ["one size", "own sizes", "elastic", "two groups", "sheared"])
@@ -140,12 +144,11 @@ def test_points_with_many_mates_have_the_forces_of_all_pairs(kind):
     problem = scene.problem((0, 1), work=True)
     assert "for point in range" in inspect.getsource(problem.rhs.py_func)
     force, stored = by_numpy(x, v, others, contact_distance=mixed, damping=damping, box=box, shear=shear, t=0.2)
-    expected, u, v0, params = force.T.ravel() / 1.3, problem.u0, problem.v0, problem.params.copy()
+    expected, u, v0 = force.T.ravel() / 1.3, problem.u0, problem.v0
     if damping:
         expected, u, v0 = np.append(expected, (force * v).sum()), np.append(u, 0.0), np.append(v0, 0.0)
     else:
-        energy = in_python(problem.energy)(0.2, u, v0, params)
-        assert energy == pytest.approx(stored + 1.3 / 2 * (v**2).sum(), rel=1e-12)
+        assert energy_by_python(problem, t=0.2) == pytest.approx(stored + 1.3 / 2 * (v**2).sum(), rel=1e-12)
     found = (by_python if damping else in_vectors)(problem, u, v0, t=0.2)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 

@@ -7,22 +7,13 @@ import pytest
 
 import eig3
 
-from .conftest import oscillator, position, rebound, velocity
+from .conftest import oscillator, position, rebound, spring, velocity
+from .test_prepare import energy
 
 P = np.array([3.0, 0.05])
 SPAN = 0.0, 2.0
 WANTED = np.linspace(0.0, 2.0, 9)
 STEPS = {"h": {"h": 2.0**-7, "method": "rk4"}, "rtol": {"rtol": 1e-6, "method": "rk5"}}
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return (p[0] * p[0] * u * u + v * v) / 2
-
-
-@eig3.jit
-def force(t, u, v, p):
-    return -p[0] * p[0] * u
 
 
 @eig3.jit
@@ -36,7 +27,7 @@ EVENTS["terminal"] = eig3.Event(late, terminal=True)
 OPTIONS = {
     "save_every": {"save_every": 3},
     "t_eval": {"t_eval": WANTED},
-    "outputs": {"outputs": {"force": force}},
+    "outputs": {"outputs": {"force": spring}},
     "invariants": {"invariants": {"energy": energy}},
     "invariants_every": {"invariants_every": 4},
     "inline": {"inline": True},
@@ -50,9 +41,9 @@ PAIRS = [
     for pair in itertools.combinations(NAMES, 2)
     if set(pair) != {"save_every", "t_eval"} and ("inline" not in pair or WITH_INLINE.issuperset(pair))
 ]
-# Each set of looks is another loop to compile with inline: these have all.
+# Each set of quantities is another loop to compile with inline: these have one.
 PAIRS += [("events", "apply", "save_every", "outputs", "invariants", "invariants_every", "inline")]
-PAIRS += [("terminal", "t_eval", "outputs", "inline")]
+PAIRS += [("terminal", "t_eval", "outputs", "invariants", "inline")]
 
 
 def integrate(names, steps, t_end=SPAN[1], **further):

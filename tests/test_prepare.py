@@ -157,21 +157,26 @@ OPTIONS = {
 }
 
 
-@pytest.mark.parametrize("method", ["ab3", "rk8"])
-@pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
-def test_a_short_run_has_the_numbers_of_a_long_one(options, method, monkeypatch):
+STEPS = {"ab3": {"h": 2.0**-7, "method": "ab3"}, "rk8": {"h": 2.0**-7, "method": "rk8"}}
+STEPS["rk5"] = {"rtol": 1e-7, "method": "rk5"}
+
+
+@pytest.mark.parametrize(
+    ("options", "steps"),  # one inlined loop with a fixed step: another method would only compile another one
+    [(o, s) for o in OPTIONS for s in STEPS if (o, s) != ("inline", "rk8")],
+)
+def test_a_short_run_has_the_numbers_of_a_long_one(options, steps, monkeypatch):
     """Also what is found later: notes, accelerations, and a run that goes on."""
-    for steps in ({"h": 2.0**-7, "method": method}, {"rtol": 1e-7, "method": "rk5"}):
-        prepared = eig3.prepare(oscillator, **steps, **options)
-        monkeypatch.setattr(short, "MOST_SECONDS", 0.0)
-        long = prepared(SPAN, 1.0, 0.0, P)
-        monkeypatch.setattr(short, "MOST_SECONDS", 1e9)
-        for run in (prepared(SPAN, 1.0, 0.0, P), prepared(SPAN, 1.0, 0.0, P)):
-            assert_same(run, long)
-            np.testing.assert_array_equal(run.a, long.a)
-            assert run.message == long.message
-            if long.can_go_on:
-                assert_same(run.extend(2.0), long.extend(2.0))
+    prepared = eig3.prepare(oscillator, **STEPS[steps], **OPTIONS[options])
+    monkeypatch.setattr(short, "MOST_SECONDS", 0.0)
+    long = prepared(SPAN, 1.0, 0.0, P)
+    monkeypatch.setattr(short, "MOST_SECONDS", 1e9)
+    for run in (prepared(SPAN, 1.0, 0.0, P), prepared(SPAN, 1.0, 0.0, P)):
+        assert_same(run, long)
+        np.testing.assert_array_equal(run.a, long.a)
+        assert run.message == long.message
+        if long.can_go_on:
+            assert_same(run.extend(2.0), long.extend(2.0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -391,7 +396,7 @@ def pushed(t, u, v, p):
     return t - u
 
 
-def test_a_run_from_rest_is_done_once(monkeypatch):
+def test_a_run_from_rest_is_done_once(always_short, monkeypatch):
     """Its size is measured in the middle; it was done as a short run without this size, and then again."""
     tried = []
     at_once = short.at_once

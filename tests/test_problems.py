@@ -69,8 +69,8 @@ SPANS = [  # the last omega h is 1e-3 at speeds of 1e3, and Hertz's span is its 
 ]
 
 
-#: Problems whose code for the default number of grains would take seconds to compile; test_grains has these.
-FEWER = {"hopper": {"n": 800}, "sand_column": {"n": 1000}}
+#: Problems whose code for the default number of grains would take seconds to compile; other tests have these.
+FEWER = {"argon": {"n": 4}, "hopper": {"n": 800}, "sand_column": {"n": 1000}}
 #: Problems whose pictures show results of a run.
 WITH_RESULTS = "braced_frame", "isolated_building", "pounding_buildings", "ten_storey_frame", "yielding_frame"
 

@@ -11,8 +11,8 @@ import pytest
 import eig3
 from eig3.stepping import observer
 
-from .conftest import bounce, coupled, oscillator, position
-from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, energy, forces, steady
+from .conftest import bounce, coupled, energy, oscillator, position
+from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, forces, steady
 
 
 @eig3.jit

@@ -20,16 +20,11 @@ import eig3
 from eig3.result import mapped, storage
 from eig3.result.mapped import MappedRows, read_mapped
 
-from .conftest import coupled, oscillator
+from .conftest import coupled, energy, oscillator
 
 H = 2.0**-6
 SCALAR = (oscillator, (0.0, 10.0), 1.0, 0.0), {"params": (2.0, 0.1), "h": H}
 VECTOR = (coupled, (0.0, 10.0), [1.0, 2.0, 3.0], [0.0] * 3), {"params": (1.0, 2.0, 3.0), "h": H}
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return u * u + v * v
 
 
 @eig3.jit

@@ -197,7 +197,7 @@ def test_slices_of_one_step_give_the_same_bits(monkeypatch, options):
 def test_slices_of_one_step_give_the_same_ensemble(monkeypatch, save_every):
     """Also where a member diverges, and ends at its last finite state."""
     u0 = np.ones((20, 2))
-    h = np.linspace(0.01, 0.02, 20)
+    h = np.linspace(0.05, 0.1, 20)
     h[7] = 2.5  # above the critical step
     outputs = {"first": first_position}
     span = (0, 1500)

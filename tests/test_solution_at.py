@@ -10,13 +10,7 @@ import pytest
 import eig3
 from eig3.functions.events import Occurrences
 
-from .conftest import coupled, hardening
-
-
-@eig3.jit
-def damped(t, u, v, p):
-    """With u(0) = 1 and v(0) = 0, the exact motion is cos t."""
-    return -u - 0.2 * v - 0.2 * np.sin(t)
+from .conftest import coupled, damped, hardening
 
 
 @eig3.jit

@@ -50,9 +50,9 @@ def test_a_function_without_velocity_takes_one_evaluation_a_step():
 def test_a_large_damped_system_takes_a_few_evaluations_a_step():
     """Newton's method with differences would take 325 evaluations in each iteration."""
     u0 = 0.01 * np.sin(np.arange(324.0))
-    run = integrate(damped_cluster, (0, 1), u0, np.zeros(324), h=1e-2, params=(10.0, 0.3), method="cd")
+    run = integrate(damped_cluster, (0, 0.3), u0, np.zeros(324), h=1e-2, params=(10.0, 0.3), method="cd")
     newton = CentralDifference(solver="newton")
-    by_newton = integrate(damped_cluster, (0, 1), u0, np.zeros(324), h=1e-2, params=(10.0, 0.3), method=newton)
+    by_newton = integrate(damped_cluster, (0, 0.3), u0, np.zeros(324), h=1e-2, params=(10.0, 0.3), method=newton)
     assert run.n_rhs < 10 * run.n_steps
     assert run.notes == ()
     np.testing.assert_allclose(run.u, by_newton.u, rtol=0, atol=1e-12)  # both solve to 1e-12 of v

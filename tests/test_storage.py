@@ -16,12 +16,7 @@ from eig3.result import storage
 from eig3.result.error_estimate import ErrorEstimate
 from eig3.result.solution import TRANSIENT
 
-from .conftest import coupled, oscillator, structure
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return u * u + v * v
+from .conftest import coupled, energy, oscillator, structure
 
 
 @eig3.jit

@@ -11,13 +11,7 @@ import eig3
 from eig3 import Event, Status
 from eig3.problems.bouncing_ball import bouncing_ball
 
-from .conftest import first_position, hardening_chain, position, spring
-
-
-@eig3.jit
-def damped(t, u, v, p):
-    """With u(0) = 1 and v(0) = 0, the exact motion is cos t."""
-    return -u - 0.2 * v - 0.2 * np.sin(t)
+from .conftest import damped, first_position, hardening_chain, position, spring
 
 
 @eig3.jit
