@@ -486,3 +486,19 @@ BAD_VALUES = {
 test_what_is_wrong_is_refused_in_a_sentence = refusals(
     BAD_VALUES, {"Near has a state, and thus needs two arguments of points": add_a_pair_force}
 )
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize("law", [ElasticPlastic(100.0, 10.0, 0.1), Multilinear([0.1, 0.2, 0.4], [10.0, 15.0, 18.0])])
+def test_a_start_beyond_yield_that_moves_back_is_refused(law, way):
+    """The link would follow the line of yielding back. All states of a run, with the state of the link, are starts."""
+    motion = eig3.linear([1.0], None, None, t_span=(0, 3), u0=[0.15 * way], v0=[0.0], links=[(law, None, 0)])
+    with pytest.raises(ValueError, match="must not be exceeded at the start by a link that moves back, but the start"):
+        motion.with_(v0=[-1.0 * way]).integrate(h=0.01)
+    with pytest.raises(ValueError, match="a link that moves back, but member 2 lies behind"):
+        motion.ensemble(v0=np.array([[0.0], [1.0], [-1.0]]) * way, h=0.01)
+    run = motion.with_(v0=[5.0 * way]).integrate(rtol=1e-9)
+    for k in np.flatnonzero(np.abs(run.v[:-1, 0]) > 1e-3)[::5]:  # at a turn, v is round-off of any sign
+        z = {name: values[k] for name, values in run.z.items()}
+        rest = motion.with_(u0=run.u[k], v0=run.v[k], z0=z, t_span=(run.t[k], 3.0)).integrate(rtol=1e-9)
+        np.testing.assert_allclose(rest.u[-1], run.u[-1], rtol=0, atol=1e-7)  # a hundred times the tolerance

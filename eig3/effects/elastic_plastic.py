@@ -154,6 +154,8 @@ class ElasticPlastic(Link):
     isotropic: ArrayLike = 0.0
 
     crossing = 1
+    at_start = "yield_force must not be exceeded at the start by a link that moves back"
+    turns = True
     source = "Prager, in one dimension; Simo and Hughes, Computational Inelasticity, Springer (1998), section 1.4"
     picture = "spring"
 

@@ -107,6 +107,8 @@ class Multilinear(Link):
 
     vectors = ("stretches", "forces")
     crossing = 1
+    at_start = "stretches must not be exceeded at the start by a link that moves back"
+    turns = True
     source = "Iwan, Journal of Applied Mechanics 33 (1966) 893"
     picture = "spring"
 

@@ -176,9 +176,10 @@ class Prepared:
 
     def check_rules(self, who: str, *start: Any) -> None:
         """Raise a ValueError if a start lies behind an event of an effect that would then never occur."""
+        n = np.size(start[1]) - self._system.first_order.size
         for name, event, g in self._rules:
-            if event.is_missed(g, *start):
-                raise ValueError(f"{event.rule}, but {who} lies behind {name!r}: change u0, t_span or params.")
+            if event.is_missed(g, n, *start):
+                raise ValueError(f"{event.rule}, but {who} lies behind {name!r}: change u0, v0, t_span or params.")
 
     def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
         """Return a stepper at a checked start, after the checks of the right-hand side and the method."""

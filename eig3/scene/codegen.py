@@ -292,12 +292,12 @@ class _Functions(Text):
         found: dict[str, Event] = {}
         for k, law in enumerate(self._occurring):
             count, changes = law.events.size, any(name in law.functions for name in FORCES)
-            crossing, rule = law.effect.crossing, law.effect.rule
+            effect = law.effect
             g, apply = _members(functions[f"event_{k}"], count), [unchanged if changes else None] * count
             if f"reset_{k}" in functions:
                 apply = _members(functions[f"reset_{k}"], count)
             for s, number in enumerate(law.events):
-                found[names[number]] = EffectEvent(g[s], crossing, apply=apply[s], rule=rule)
+                found[names[number]] = EffectEvent(g[s], effect.crossing, False, apply[s], effect.rule, effect.turns)
         return {name: found[name] for name in names}  # in the order in which the effects were added
 
     # The parts of these functions

@@ -76,6 +76,8 @@ class Effect:
     at_start : str
         For a `crossing` that is not 0: what must hold at the start of a run, as "offset must be below each mass". A
         start at the event or behind it is then refused, because the event would not occur. Empty if it may be there.
+    turns : bool
+        Whether the event is a turn: only a start beyond yield with a velocity back is then refused.
     source : str
         The source of the formula in the literature.
     picture : str
@@ -91,6 +93,7 @@ class Effect:
     nonnegative: ClassVar[tuple[str, ...]] = ()
     crossing: ClassVar[int] = 0
     at_start: ClassVar[str] = ""
+    turns: ClassVar[bool] = False
     source: ClassVar[str] = ""
     picture: ClassVar[str] = ""
 

@@ -72,6 +72,10 @@ class HingeLaw(OfLaw, Cell):
     def at_start(self) -> str:  # type: ignore[override]
         return str(self.law.at_start)
 
+    @property
+    def turns(self) -> bool:  # type: ignore[override]
+        return bool(self.law.turns)
+
     def functions(self) -> dict[str, Any]:
         return dict(_of_joint(tuple(self.law.functions().items()), self.takes[0], self.kinematics))
 

@@ -37,8 +37,8 @@ class Kind(NamedTuple):
     functions : tuple of (str, jitted function)
     crossing : int
         The changes of sign at which their events occur: see `eig3.effects.Link`.
-    rule : str
-        What must hold at the start of a run, in an error.
+    rule, turns : str, bool
+        What must hold at the start of a run: see `eig3.functions.events.EffectEvent`.
     size : int
         The number of values of a state.
     directions : int
@@ -51,6 +51,7 @@ class Kind(NamedTuple):
     functions: tuple[tuple[str, Any], ...]
     crossing: int
     rule: str
+    turns: bool
     size: int
     directions: int
     vectors: tuple[tuple[str, int], ...]
@@ -113,7 +114,7 @@ def check_links(links: Any, names: Sequence[str], n: int, u0: np.ndarray) -> tup
         if law.ductility:
             acting["ductility"] = _ductility(law, ends[0].shape[:1])
         vectors = tuple((name, law.components(name, 1)) for name in law.vectors)
-        of_law = law.crossing, law.rule, law.state_size, law.directions
+        of_law = law.crossing, law.rule, law.turns, law.state_size, law.directions
         kind = Kind(words(law.title), tuple(acting.items()), *of_law, vectors)
         if "rate_after" in law.functions():
             raise ValueError(f"{said} changes velocities at events, which a structure does not take: use a scene.")
@@ -222,7 +223,8 @@ def events_of(
             changes = "state_after" in kind.names
             for s in range(count):
                 name = f"{kind.title} {counts[kind.title] + s}"
-                found[name] = EffectEvent(g[s], kind.crossing, apply=apply[s] if changes else None, rule=kind.rule)
+                change = apply[s] if changes else None
+                found[name] = EffectEvent(g[s], kind.crossing, False, change, kind.rule, kind.turns)
             counts[kind.title] += count
         before += f" + {kind.size} * {number_of_links(k, kind.directions)}" * kind.has_state
     return found
