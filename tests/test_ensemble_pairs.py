@@ -10,7 +10,7 @@ import pytest
 import eig3
 
 from .conftest import oscillator, position, velocity
-from .test_pairs import energy, force, late, rebound
+from .test_pairs import energy, late, rebound, spring
 
 P = np.array([[3.0, 0.05], [2.0, 0.1], [1.0, 0.0]])
 U0 = np.array([1.0, 0.5, -0.25])
@@ -26,7 +26,7 @@ EVENTS = {
 OF_RUNS = {
     "save_every": {"save_every": 3},
     "t_eval": {"t_eval": WANTED},
-    "outputs": {"outputs": {"force": force}},
+    "outputs": {"outputs": {"force": spring}},
     "invariants": {"invariants": {"energy": energy}},
     "invariants_every": {"invariants_every": 4},
     "h_max": {"h_max": 0.02},
