@@ -509,6 +509,11 @@ class Langevin(Method):
             if not (isinstance(count, numbers.Integral) and 0 <= count <= _LARGEST_COUNT):
                 raise ValueError(f"{name} must be a whole number from 0 to 2^53, not {shown(count)}.")
 
+    def __repr__(self) -> str:
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        texts = (f"{name}=<{len(x)} values>" if np.ndim(x) else f"{name}={x!r}" for name, x in values.items())
+        return f"Langevin({', '.join(texts)})"
+
     @property
     def _masses(self) -> float | Sequence[float]:
         return 1.0 if self.mass is None else self.mass
@@ -536,7 +541,9 @@ class Langevin(Method):
 
     def for_force(self, reads_velocity: bool, n: int) -> Method:
         if np.ndim(self._masses) and np.size(self._masses) != n:
-            raise ValueError(f"mass must be a number, or {n} of them for {n} degrees of freedom, not {self.mass}.")
+            raise ValueError(
+                f"mass must be a number, or {n} of them for {n} degrees of freedom, not {shown(self.mass)}."
+            )
         return self
 
 

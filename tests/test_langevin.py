@@ -314,6 +314,7 @@ def test_a_scene_gives_its_masses():
         assert (m * v[:, masses == m] ** 2).mean() == pytest.approx(1.0, abs=0.04)
     given = problem.integrate(h=0.05, method=run.method, save_every=40)
     assert given.method == run.method == eig3.Langevin(**options, mass=np.tile(masses, 3))
+    assert "mass=<3000 values>" in str(run)
     np.testing.assert_array_equal(given.v, run.v)
     np.testing.assert_array_equal(problem.ensemble(h=0.05, u0=[problem.u0] * 2, method=method).v[0, -1], run.v[-1])
     stepper = problem.stepper(h=0.05, method=method)
