@@ -406,8 +406,8 @@ def _beside(function: Callable) -> list[tuple[str, Jitted]]:
 
 def _with_loops(function: Callable) -> list[tuple[str, Jitted]]:
     """Return those, and those that have a loop: LLVM would prepare it for any n before it is inlined."""
-    beside = _beside(function)
-    return beside + [each for each in _helpers(function) if each not in beside and _has_loop(each[1].py_func)]
+    code = function.__code__
+    return [each for each in _helpers(function) if is_beside(code, each[1].py_func) or _has_loop(each[1].py_func)]
 
 
 def _has_loop(function: Callable, above: tuple = ()) -> bool:

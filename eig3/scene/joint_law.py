@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -64,17 +65,9 @@ class HingeLaw(OfLaw, Cell):
     def source(self) -> str:  # type: ignore[override]
         return str(self.law.source)
 
-    @property
-    def crossing(self) -> int:  # type: ignore[override]
-        return int(self.law.crossing)
-
-    @property
-    def at_start(self) -> str:  # type: ignore[override]
-        return str(self.law.at_start)
-
-    @property
-    def turns(self) -> bool:  # type: ignore[override]
-        return bool(self.law.turns)
+    crossing = property(attrgetter("law.crossing"))  # type: ignore[assignment]
+    at_start = property(attrgetter("law.at_start"))  # type: ignore[assignment]
+    turns = property(attrgetter("law.turns"))  # type: ignore[assignment]
 
     def functions(self) -> dict[str, Any]:
         return dict(_of_joint(tuple(self.law.functions().items()), self.takes[0], self.kinematics))
