@@ -140,9 +140,22 @@ def test_without_a_place_for_the_cache_functions_are_compiled_with_a_warning(mon
 
     monkeypatch.setattr(cache, "_warned", set())
     monkeypatch.setattr(cache, "CheckedCache", nowhere)
-    with pytest.warns(RuntimeWarning, match=r"cannot keep compiled code in any folder .* choose another folder with"):
+    with pytest.warns(RuntimeWarning, match=r"code \(neither .* can be written\), so .*: choose another folder"):
         function = eig3.jit(square.py_func)
     assert function(3.0) == 9.0
+
+
+@pytest.mark.parametrize("option", ["--path", "--clear", "--fill"])
+def test_the_command_says_first_that_there_is_no_place(option, monkeypatch):
+    """Nothing is compiled before that."""
+
+    def nowhere(function):
+        raise NoFolderError
+
+    monkeypatch.setattr(cache, "CheckedCache", nowhere)
+    monkeypatch.delattr("eig3.cli.cache._fill")
+    with pytest.raises(SystemExit, match=r"eig3 cache: neither .* can be written"):
+        main(["cache", option])
 
 
 def test_the_warning_comes_once_and_names_the_folder_and_the_command(tmp_path, monkeypatch):

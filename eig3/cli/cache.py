@@ -28,12 +28,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     from ..kernels.compile.cache import clear, folder
 
-    if options.fill is not None:
-        _fill(options.fill)
     try:
         path = folder()
+        if options.fill is not None:
+            _fill(options.fill)
         done = f": {clear(path)} files deleted" if options.clear else ""
-    except (RuntimeError, OSError) as error:
+    except OSError as error:
         raise SystemExit(f"eig3 cache: {error}") from error
     print(f"{path}{done}")
 

@@ -90,7 +90,7 @@ class CheckedCache(DiskCache):
         return found and f"{found} {self._variant}"
 
     def failed(self, what: str, error: Exception) -> None:
-        _warn(what, self.files.folder, error)
+        _warn(what, error, self.files.folder)
 
 
 def folder_of_all() -> None:
@@ -226,7 +226,7 @@ def keep_on_disk(function: Any, name: str = "", **options: Any) -> Any:
     try:
         set_cache(function, CheckedCache(function, name, **options))
     except NoFolderError as error:
-        _warn("keep", "any folder", error)
+        _warn("keep", error)
     return function
 
 
@@ -276,18 +276,20 @@ def clear(folder: Path) -> int:
     return deleted
 
 
-def _warn(what: str, folder: Any, error: Exception) -> None:
+def _warn(what: str, error: Exception, folder: Path | None = None) -> None:
     """Warn once in a process: all functions of a folder usually have the same problem."""
     if _warned:
         return
     _warned.add(what)
-    reason = str(error) or type(error).__name__
-    remedy = "delete the .nbc files there (`eig3 cache --clear` does this in the folder of eig3)"
+    where = f" in {folder}" if folder else ""
+    remedy = "delete the .nbc files there (`eig3 cache --clear` does this in the folder of eig3), or "
     if isinstance(error, _UntrustedError):
-        remedy = "make the folder and these files your own (chown, chmod go-w)"
+        remedy = "make the folder and these files your own (chown, chmod go-w), or "
+    elif isinstance(error, NoFolderError):
+        remedy = ""
     warnings.warn(
-        f"eig3 cannot {what} compiled code in {folder} ({reason}), so it is compiled in this process: {remedy}, or "
-        "choose another folder with the environment variable NUMBA_CACHE_DIR.",
+        f"eig3 cannot {what} compiled code{where} ({str(error) or type(error).__name__}), so it is compiled in this "
+        f"process: {remedy}choose another folder with the environment variable NUMBA_CACHE_DIR.",
         RuntimeWarning,
         stacklevel=2,
     )

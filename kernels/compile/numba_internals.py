@@ -901,8 +901,11 @@ def addresses_of_members(result: Any, count: int) -> tuple[list[int], Any]:
 # Compiled code on the disk, and functions on their way to another process
 
 
-class NoFolderError(RuntimeError):
+class NoFolderError(OSError):
     """There is no folder in which compiled code could be kept."""
+
+    def __str__(self) -> str:
+        return "neither the library's folder nor the user's folder for caches can be written"
 
 
 class DiskCache(FunctionCache):
@@ -932,7 +935,7 @@ class DiskCache(FunctionCache):
         except RuntimeError as error:
             if "no locator available" not in str(error):
                 raise
-            raise NoFolderError(str(error)) from error
+            raise NoFolderError from error
         self.files, self._cache_file = self.open_files(Path(self.cache_path)), self
         self._key, self._describe, self.description = "", describe, ""
 
