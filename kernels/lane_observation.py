@@ -199,7 +199,8 @@ def observe_lane(lane, alone, span, own, of, block, seen):
     After a reset, or a terminal event, the end of the step is the state there.
     """
     s, m, one, counters = block.values, block.members[lane], block.one, seen.counters[lane]
-    watch = LOOK_AT(seen.looks[lane]).watch
+    look = LOOK_AT(seen.looks[lane])
+    watch = look.watch
     for k in range(ROWS):
         for d in range(N):
             one[k, d] = s[(k * N + d) * LANES + lane]
@@ -225,7 +226,7 @@ def observe_lane(lane, alone, span, own, of, block, seen):
     for k in range(len(watch.events)):
         seen.sides[k, lane] = counters[EVENTS + EVENT_VALUES * k + SIDE]
     if outcome == TERMINAL:
-        finish_times(m, span.t0, t_stop, part * step, occurrence, counters, watch)
+        FINISH_TIMES(m, span.t0, t_stop, part * step, occurrence, counters, look, own)
         seen.ends[m, END_EVENT] = counters[ENDED_BY]
         of.bad[lane] = STOPPED
     plan_next(lane, taken, span.every, seen, watch.times)
@@ -241,23 +242,26 @@ def observe_lane(lane, alone, span, own, of, block, seen):
     return int64(counters[EVALUATIONS])
 
 
-@outlined
-def finish_times(m, t0, t_stop, step, occurrence, counters, watch):
+def finish_times(m, t0, t_stop, step, occurrence, counters, look, p):
     """Write the state before a terminal event at the wanted times that differ from its time only by round-off.
 
     `Observer.finish` does this for single runs.
     """
+    watch, follow = look.watch, look.follow
     near = NEAR * EPSILON * max(abs(t0), abs(t_stop))
     while watch.log[occurrence, 1] < t_stop - near:  # an event without a reset, earlier in the step
         occurrence += 1
     n, k = watch.u_rows.shape[1], int64(counters[NEXT])
+    u, v = watch.log[occurrence, 2 : 2 + n], watch.log[occurrence, 2 + n : 2 + 2 * n]
+    EVALUATE(follow, follow.invariants, t_stop, u, v, p)
     while k > 0 and watch.times[k - 1] >= t_stop:
         k -= 1
     while k < len(watch.times) and watch.times[k] < t_stop + near:
         row = int64(counters[FIRST_ROW]) + k
         for d in range(n):
-            watch.u_rows[row, d], watch.v_rows[row, d] = watch.log[occurrence, 2 + d], watch.log[occurrence, 2 + n + d]
+            watch.u_rows[row, d], watch.v_rows[row, d] = u[d], v[d]
         watch.h_rows[row] = step
+        save(follow, row)
         k += 1
     counters[NEXT] = max(k, counters[NEXT])
 
@@ -281,6 +285,7 @@ def observing(form: Form, names: dict[str, Any]) -> dict[str, Any]:
         "LOOK_AT": record_at(LOOK_WITHIN),
         "OBSERVE_AT": function_at(OF_OBSERVING),
     }
+    names["FINISH_TIMES"] = outlined(bound(finish_times, names))
     return {
         "SEE": element(bound(see, names)),
         "BEGIN_OBSERVING": outlined(bound(begin_observing, names)),

@@ -7,7 +7,7 @@ import eig3
 from eig3 import integrate, problems
 from eig3.ensembles import lanewise
 
-from .conftest import linear_spring, position
+from .conftest import bounce, linear_spring, position
 
 H, END = 0.01, 8.0  # 800 steps, two periods or more
 K = 3.0
@@ -252,6 +252,28 @@ def test_outputs_of_parts_are_those_of_the_whole():
 @eig3.jit
 def first_position(t, u, v, p):
     return u[0] + 0.0 * u[u.size - 1]
+
+
+@eig3.jit
+def nine_tenths(t, u, v, p):
+    return t - 0.9
+
+
+@pytest.mark.parametrize("steps", [{"h": 0.3}, {"rtol": 1e-6, "method": "rk5"}])
+@pytest.mark.parametrize("events", [{}, {"end": eig3.Event(nine_tenths, apply=bounce, terminal=True)}])
+def test_values_at_a_wanted_time_that_differs_from_the_end_by_round_off(steps, events):
+    """The state there is saved after the last step, before a reset. Three steps of 0.3 end an ulp before 0.9."""
+    assert 3 * 0.3 < 0.9
+    span, options = (0, 2.1 if events else 0.9), {"t_eval": [0.0, 0.9], "events": events, **steps}
+    outputs = {"position": position, "forces": (forces, 3)}
+    u0, v0 = np.linspace(1, 2, 70), np.ones(70)  # lanes begin with 64 members
+    alone = integrate(linear_spring, span, u0[69], v0[69], params=[K], outputs=outputs, **options)
+    members = eig3.ensemble(linear_spring, span, u0, v0, params=[K], outputs=outputs, **options)
+    for run in (alone, members[69]):
+        assert run.t[-1] == 0.9
+        np.testing.assert_array_equal(run.outputs["position"], run.u)
+        exact = np.column_stack([-K * run.u, run.v, run.t])
+        np.testing.assert_allclose(run.outputs["forces"], exact, rtol=1e-15, atol=0)  # the product is rounded once
 
 
 def test_a_problem_that_follows_the_work_has_outputs():

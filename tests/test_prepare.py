@@ -396,12 +396,13 @@ def pushed(t, u, v, p):
     return t - u
 
 
-def test_a_run_from_rest_is_done_once(always_short, monkeypatch):
-    """Its size is measured in the middle; it was done as a short run without this size, and then again."""
+@pytest.mark.parametrize("options", [{"h": 0.01}, {"rtol": 1e-6}])
+def test_a_run_from_rest_is_done_once(options, always_short, monkeypatch):
+    """Fixed steps stop in the middle to measure its size, and tolerances before the last step, which is shortened."""
     tried = []
     at_once = short.at_once
     monkeypatch.setattr(short, "at_once", lambda *given: tried.append(at_once(*given)) or tried[-1])
-    prepared = eig3.prepare(pushed, h=0.01)
+    prepared = eig3.prepare(pushed, **options)
     for _ in range(3):  # the first run measures the time of a step
         run = prepared((0, 10), 0.0, 0.0)
     assert len(tried) >= 2

@@ -160,6 +160,14 @@ class Quantity:
         values[:] = out
         self._check_written(t, u, v, p, values)
 
+    def value(self, t: float, u: Any, v: Any, p: np.ndarray) -> Any:
+        """Return the value in a state: a float, or an array of k values."""
+        if not self.shape:
+            return self.callback.call(t, u, v, p)
+        out = np.full(self.width, np.nan)
+        self.callback.call(t, u, v, p, out)
+        return out
+
     def _check_written(self, t: float, u: Any, v: Any, p: np.ndarray, values: np.ndarray) -> None:
         """Raise a ValueError if the function does not write one of its values."""
         if not np.isnan(values).any():

@@ -239,7 +239,7 @@ class FixedRun(Run):
             if self.status is not Status.DIVERGED:
                 if stepper.look and (stepper.index == self.n_steps or stepper.is_over):
                     t = stepper.t if stepper.is_over else self.t_end
-                    stepper.look.finish(stepper.counters, stepper.t0, t, stepper.h, stepper.u, stepper.v)
+                    stepper.look.finish(stepper, t)
                 history.row = stepper.n_wanted
         else:
             if stepper.index % self.every or stepper.is_within_step:

@@ -87,11 +87,8 @@ def at_once(
         return None
     is_over = stepper.ended == TERMINAL
     if times is not None:
-        written, end = stepper.n_wanted, stepper.t if is_over else t_end
-        look.finish(counters, stepper.t0, end, stepper.h, stepper.u, stepper.v)
+        look.finish(stepper, stepper.t if is_over else t_end)
         row = stepper.n_wanted
-        if outputs and written < row:  # `finish` has written states without outputs
-            return None
     else:
         row = _complete(stepper, is_fixed, every, row, rows, outputs)
     outputs = {name: values[:row] for name, values in outputs.items()} if outputs else outputs

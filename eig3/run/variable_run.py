@@ -247,7 +247,7 @@ class VariableRun(Run):
         stepper.rows_before_end = self._rows_kept()  # without the last state, which a longer run may not save
         if self.times is not None:
             if stepper.look and (stepper.is_over or stepper.t >= stepper.t_end):
-                stepper.look.finish(stepper.counters, stepper.t0, stepper.t, stepper.h, stepper.u, stepper.v)
+                stepper.look.finish(stepper, stepper.t)
             history.row = stepper.n_wanted
             if history.files:
                 history.arrays["t"][: history.row] = self.times[: history.row]

@@ -105,7 +105,7 @@ class Observer:
         self._use_numbers(None)
 
     def _use_numbers(self, numbers: np.ndarray | None) -> None:
-        self._table = self.followed.table.copy()
+        self._table, self._output_rows = self.followed.table.copy(), {}
         self.numbers, arrays = self.followed.arrays(self._n, numbers)
         self._widest, self.steps, self._start, self._before, self._out, self.parts, self.forward, self.most = arrays
 
@@ -167,6 +167,7 @@ class Observer:
 
     def save_outputs(self, rows: Mapping[str, np.ndarray]) -> None:
         """Make the kernel write the values of outputs in saved states to these arrays, of shape (rows, width)."""
+        self._output_rows = rows
         for name, array in rows.items():
             self._table[self.followed.outputs[name], ROWS] = array.__array_interface__["data"][0]
 
@@ -212,21 +213,25 @@ class Observer:
         if n_found < self.n_found:
             self._found, self.n_found = [np.concatenate(self._found)[:n_found]], n_found
 
-    def finish(self, counters: np.ndarray, t0: float, t: float, h: float, u: Any, v: Any) -> None:
+    def finish(self, stepper: Any, t: float) -> None:
         """Write the state at t, the end of the run, at the times of t_eval that differ from t only by round-off.
 
         It is the state before the resets at t, if there are any.
         """
         if self.times is None:
             return
-        near = NEAR * math.ulp(max(abs(t0), abs(t)))
+        counters, u, v = stepper.counters, stepper.u, stepper.v
+        near = NEAR * math.ulp(max(abs(stepper.t0), abs(t)))
         first, last = self.times.searchsorted([t, t + near])
         some = slice(min(first, int(counters[NEXT])), last)
         for block in (found for found in self._found[-1:] if len(found)):
             row = block[min(int(np.searchsorted(block[:, 1], t - near)), len(block) - 1)]  # in order of time
             if row[1] >= t - near:
                 u, v = row[2 : 2 + self._n], row[2 + self._n : 2 + 2 * self._n]
-        self.watch.u_rows[some], self.watch.v_rows[some], self.watch.h_rows[some] = u, v, h
+                u, v = (u.item(), v.item()) if self._is_scalar else (u, v)
+        self.watch.u_rows[some], self.watch.v_rows[some], self.watch.h_rows[some] = u, v, stepper.h
+        for name, rows in self._output_rows.items() if some.start < last else ():
+            rows[some] = self.followed.quantities[self.followed.outputs[name]].value(t, u, v, stepper.params)
         counters[NEXT] = max(last, int(counters[NEXT]))
 
     def recall(self, events: Mapping[str, Occurrences], counts: Mapping[str, int] | None = None) -> None:
