@@ -212,8 +212,8 @@ def ensemble(
 def of_members(rhs: Any, members: Members, options: RunOptions) -> RunOptions:
     """Return the options of members with the method of their runs, after all checks of a single run."""
     times, prepared = check_times(options.t_eval, *members.t_span), Prepared(rhs, members.form, options)
-    for i in range(len(members) if prepared.has_rules else 0):
-        prepared.check_rules(f"member {members.first + i}", members.t_span, *members.start(i))
+    if prepared.rules:
+        prepared.rules.check_members(members.n - options.first_order.size, members)
     return prepared.options._replace(t_eval=times)
 
 

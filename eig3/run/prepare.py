@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import check_flag, check_params, check_resolution, check_span, check_state, shown
-from ..functions.events import EffectEvent
 from ..functions.first_order import check_z0
 from ..functions.guard import guarded
 from ..functions.named import WITHOUT_NAMES, has_names, in_layout, named
+from ..functions.rules import Rules
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR, Form
 from ..keywords import refusal, with_suggestions
@@ -51,6 +51,8 @@ class Prepared:
         "scalar" or "vector": whether u0 and v0 are numbers or arrays.
     method : Method
     options : RunOptions
+    rules : Rules
+        What holds at a start that does not lie behind an event.
     """
 
     @with_solution
@@ -76,9 +78,7 @@ class Prepared:
             options = options._replace(method=usual_method(options.tolerances.rtol, reads_velocity))
         self.options = options
         self._system: System = remembered(rhs, form, options)
-        pairs = zip(options.events.items(), self._system.event_callbacks, strict=True)
-        of_effects = ((name, event, g.call) for (name, event), (g, _) in pairs if isinstance(event, EffectEvent))
-        self._rules = [each for each in of_effects if each[1].rule]
+        self.rules = Rules(options.events, (g for g, _ in self._system.event_callbacks))
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
 
@@ -152,8 +152,8 @@ class Prepared:
             if self._params_check and given is not self._defaults[3]:
                 self._params_check(params)
         start = check_span(span), u, v, guarded(check_params(params))
-        if self._rules:
-            self.check_rules("the start", *start)
+        if self.rules:
+            self.rules.check(u.size - self._system.first_order.size, *start)
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
         solution = self._if_short(*start) if is_plain else None
         solution = solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
@@ -168,18 +168,6 @@ class Prepared:
         start = span, u, v, guarded(params)
         solution = self._if_short(*start)
         return solution or carry_out(partial(self._begin, *start, False, None), cancel, raise_on_failure=False)
-
-    @property
-    def has_rules(self) -> bool:
-        """Whether an event has a rule for the start."""
-        return bool(self._rules)
-
-    def check_rules(self, who: str, *start: Any) -> None:
-        """Raise a ValueError if a start lies behind an event of an effect that would then never occur."""
-        n = np.size(start[1]) - self._system.first_order.size
-        for name, event, g in self._rules:
-            if event.is_missed(g, n, *start):
-                raise ValueError(f"{event.rule}, but {who} lies behind {name!r}: change u0, v0, t_span or params.")
 
     def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
         """Return a stepper at a checked start, after the checks of the right-hand side and the method."""
