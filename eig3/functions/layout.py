@@ -156,8 +156,8 @@ class Layout:
 
         p is the argument at a `place`.
 
-        It is the same object at each call. Bound functions, and objects that are not jitted functions, are returned
-        unchanged.
+        It is the same object at each call. A function that is bound to another layout, such as the rhs of a problem, is
+        bound anew. Objects that are not jitted functions are returned unchanged.
 
         Raises
         ------
@@ -170,8 +170,10 @@ class Layout:
             return (self.bind(function[0]), *function[1:])
         if isinstance(function, Event):
             return dataclasses.replace(function, g=self.bind(function.g), apply=self.bind(function.apply))
-        if not isinstance(function, Jitted) or bound_layout(function) or hasattr(function, "callback"):
+        if not isinstance(function, Jitted) or bound_layout(function) == self or hasattr(function, "callback"):
             return function
+        if bound_layout(function):
+            return self.bind(function.py_func.inner, place)
         known = vars(function).setdefault("_eig3_in_layouts", {})
         if self not in known:
             known[self] = self._bound(function, place)

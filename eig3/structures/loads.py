@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..functions.checks import reals, shown
+from ..functions.records import Records
 from .matrices import check_masses
+
+_RECORDS = ("ground_times", "ground"), ("force_times", "forces")
 
 
 def check_ground(ground: Any, n: int) -> dict[str, Any]:
@@ -77,16 +80,25 @@ def check_together(params: Any, n: int) -> None:
             raise ValueError(f"params[{name!r}] must have a value for each of {count} links, not {len(values)}.")
 
 
-def shortest_load(has: dict[str, Any]) -> float:
-    """Return the duration of the shortest part of the records that is not zero; infinite without a record."""
-    durations = [np.inf]
-    for name, record in (("ground_times", "ground"), ("force_times", "forces")):
-        if name in has:
-            t, acts = has[name], np.any(np.reshape(has[record], (len(has[name]), -1)), axis=1)
-            changes = np.flatnonzero(np.diff(acts, prepend=False, append=False))
-            first, last = np.maximum(changes[::2] - 1, 0), np.minimum(changes[1::2], len(t) - 1)
-            durations += (t[last] - t[first]).tolist()
-    return min(durations)
+def shortest_loads(values: dict[str, np.ndarray], t_span: tuple[float, float]) -> np.ndarray:
+    """Return the durations of the shortest parts of records that are not zero and act in a span; see `Records`."""
+    shortest = np.full(max(map(len, values.values()), default=1), np.inf)
+    for times, record in _RECORDS:
+        if times in values:
+            t, x = values[times], values[record]
+            acts = np.broadcast_to(np.any(x.reshape(*x.shape[:2], -1), axis=2), (max(len(t), len(x)), x.shape[1]))
+            members, changes = np.nonzero(np.diff(acts, prepend=False, append=False, axis=1))
+            rows, first, last = members[::2], np.maximum(changes[::2] - 1, 0), np.minimum(changes[1::2], x.shape[1] - 1)
+            begin, end = (t[rows if len(t) > 1 else 0, at] for at in (first, last))
+            acting = (begin < t_span[1]) & (end > t_span[0])
+            each = np.full(len(acts), np.inf)
+            np.minimum.at(each, rows[acting], (end - begin)[acting])
+            shortest = np.minimum(shortest, each)
+    return shortest
+
+
+#: What the right-hand side of a structure knows of its parameters.
+RECORDS = Records(tuple(name for names in _RECORDS for name in names), check_together, shortest_loads)
 
 
 def _record(given: Any, name: str, wanted: str) -> tuple:
