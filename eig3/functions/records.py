@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -37,7 +36,10 @@ class Records(NamedTuple):
 
 def records_of(rhs: Any) -> Records | None:
     """Return the records of a right-hand side, or None. They are pickled with the Python function."""
-    return getattr(inspect.unwrap(getattr(rhs, "py_func", rhs)), "records", None)
+    function = getattr(rhs, "py_func", None)
+    while hasattr(function, "inner"):
+        function = function.inner.py_func
+    return getattr(function, "records", None)
 
 
 def longest_step(records: Records | None, params: Any, n: int) -> float:

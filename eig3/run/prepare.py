@@ -53,7 +53,7 @@ class Prepared:
         "scalar" or "vector": whether u0 and v0 are numbers or arrays.
     method : Method
     options : RunOptions
-    rules : Rules
+    rules : Rules or None
         What holds at a start that does not lie behind an event.
     """
 
@@ -81,7 +81,7 @@ class Prepared:
         self._system: System = remembered(rhs, form, options)
         self._records = records_of(rhs)
         self._longest = longest_step(self._records, defaults[3], np.size(defaults[1])) if defaults else math.inf
-        self.rules = Rules(options.events, (g for g, _ in self._system.event_callbacks))
+        self.rules = Rules(options.events, (g for g, _ in self._system.event_callbacks)) or None
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
 
@@ -152,15 +152,16 @@ class Prepared:
             u, v = self._with_first_order(u, v, z0)
         if self.options.layout or (type(params) not in WITHOUT_NAMES and has_names(params)):
             params = in_layout(self.options.layout, params)
-        n = u.size - self._system.first_order.size if self._records or self.rules else 0
-        longest = longest_step(self._records, params, n)
-        start = check_span(span), u, v, guarded(check_params(params))
-        if self.rules:
-            self.rules.check(n, *start)
+        start, longest = (check_span(span), u, v, guarded(check_params(params))), math.inf
+        if self._records or self.rules:
+            n = u.size - self._system.first_order.size
+            longest = longest_step(self._records, params, n)
+            if self.rules:
+                self.rules.check(n, *start)
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
         solution = self._if_short(*start, longest) if is_plain else None
-        begin = partial(self._begin, *start, longest, progress, save_to)
-        solution = solution or carry_out(begin, cancel, raise_on_failure)
+        if solution is None:
+            solution = carry_out(partial(self._begin, *start, longest, progress, save_to), cancel, raise_on_failure)
         if check and solution.success:
             error = solution.check(cancel=cancel)
             if save_to is not None and error is not None:
@@ -261,7 +262,7 @@ class Prepared:
     ) -> VariableStepper:
         n = 1 if self._system.form is SCALAR else u.size
         tolerances = self._tolerances.get(n) or self.tolerances(n)
-        if longest < tolerances.h_max == math.inf:
+        if longest != tolerances.h_max and self.options.tolerances.h_max == math.inf:  # type: ignore[union-attr]
             tolerances = tolerances._replace(h_max=longest)
         return VariableStepper(self._system, span, u, v, p, tolerances, times)
 
@@ -271,7 +272,8 @@ class Prepared:
             unknowns = self._system.first_order
             size = unknowns.size
             assert self.options.tolerances
-            self._tolerances[n] = self.options.tolerances.of(n - size, size, are_read=unknowns.is_read)
+            own = self.options.tolerances.of(n - size, size, are_read=unknowns.is_read)
+            self._tolerances[n] = own._replace(h_max=self._longest) if own.h_max == math.inf else own
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:
