@@ -486,6 +486,10 @@ def test_notes_say_why_a_function_is_not_vectorised():
         return math.cos(t) - u  # the same for all members, so that it is computed once
 
     @eig3.jit
+    def free(t, u, v, p):
+        return 0.0
+
+    @eig3.jit
     def searched(t, u, v, p):
         x = 1.0
         while x * x < 2.0 + abs(u):
@@ -503,7 +507,7 @@ def test_notes_say_why_a_function_is_not_vectorised():
         assert_alone(solution[0], alone)
         return solution.notes
 
-    assert notes(of_t_only) == ()
+    assert notes(of_t_only) == notes(free) == ()
     assert "calls sin of the C library" in notes(of_libm)[0]
     assert "eig3.math" in notes(of_libm)[0]
     assert "branches or loops" in notes(searched)[0]
