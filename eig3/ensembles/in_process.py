@@ -82,11 +82,12 @@ class Run:
 
     def _jump(self) -> str:
         """Return the note about the fixed steps of a member that may jump over a load; empty if there are none."""
-        members, steps = self.members, self.members.steps
+        members = self.members
         loads = shortest_loads(self.rhs, members.params, members.own, members.t_span)
-        i = int(np.argmax(steps / loads))
-        whose = f" of member {members.first + i}" if members.has_own_step or len(loads) > 1 else ""
-        h, load = float(steps[i]), float(np.broadcast_to(loads, len(members))[i])
+        ratios = members.h / loads
+        i = int(ratios.argmax())
+        h, load = float(members.steps[i]), float(loads[i % len(loads)])
+        whose = f" of member {members.first + i}" if len(ratios) > 1 else ""
         return jump_note(h, load, whose) if jumps(h, load) else ""
 
     def march(self, progress: bool = False, cancel: Cancel | None = None) -> EnsembleSolution:

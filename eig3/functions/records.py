@@ -73,9 +73,10 @@ def shortest_loads(
     -------
     ndarray, shape (m,) or (1,)
     """
-    records, layout, rows = records_of(rhs), bound_layout(rhs), np.atleast_2d(params)
+    records, layout = records_of(rhs), bound_layout(rhs)
     if records is None or layout is None:
         return np.array([math.inf])
+    rows = np.atleast_2d(params)
     rows = rows[:1] if own and not {*own} & {*records.names} else rows
     first = layout.read(rows[0])._asdict()
     places, shapes = layout.places(first), {name: np.shape(first[name]) for name in records.names if name in first}
