@@ -9,7 +9,7 @@ import scipy.linalg
 import scipy.sparse
 
 import eig3
-from eig3.effects import Gap
+from eig3.effects import ElasticPlastic, Gap
 from eig3.structures.factors import copies_in, factors, solution
 from eig3.structures.matrices import check_mass
 from eig3.structures.modes import highest_frequency, natural_modes
@@ -364,6 +364,14 @@ def test_parameters_beside_the_function_of_a_structure_are_checked_too():
     for call, u0 in ((eig3.integrate, np.zeros(6)), (eig3.ensemble, np.zeros((3, 6)))):
         with pytest.raises(ValueError, match="ground must have a finite value for each of its 11"):
             call(loaded().rhs, (0, 1), u0, np.zeros(6), **given)
+
+
+def test_the_events_of_links_need_the_parameters_of_their_problem():
+    """They read others at the places of these."""
+    problem = eig3.linear([1.0], t_span=(0, 1), links=[(ElasticPlastic(1.0, 1.0), None, 0)])
+    others = dict(reversed(problem.params._asdict().items()))
+    with pytest.raises(TypeError, match=r"params must have the names and kinds of the problem of these events"):
+        eig3.integrate(problem.rhs, (0, 1), [0.0], [0.0], params=others, z0=problem.z0, events=problem.events, h=0.1)
 
 
 # Short loads

@@ -162,7 +162,7 @@ class Layout:
         Raises
         ------
         TypeError
-            If the function reads a name that no parameter has.
+            If the function reads a name that no parameter has, or is an event of a problem whose layout differs.
         """
         if isinstance(function, EnergyLessWork):
             return function._replace(energy=self.bind(function.energy))
@@ -170,9 +170,15 @@ class Layout:
             return (self.bind(function[0]), *function[1:])
         if isinstance(function, Event):
             return dataclasses.replace(function, g=self.bind(function.g), apply=self.bind(function.apply))
-        if not isinstance(function, Jitted) or bound_layout(function) == self or hasattr(function, "callback"):
+        own = bound_layout(function)
+        if not isinstance(function, Jitted) or own == self or (own is None and hasattr(function, "callback")):
             return function
-        if bound_layout(function):
+        if hasattr(function, "callback"):  # a member of a `Family`
+            raise TypeError(
+                "params must have the names and kinds of the problem of these events, in the same order: give "
+                "problem.params._replace(...)."
+            )
+        if own:
             return self.bind(function.py_func.inner, place)
         known = vars(function).setdefault("_eig3_in_layouts", {})
         if self not in known:
