@@ -148,8 +148,12 @@ class Layout:
 
     def read(self, p: np.ndarray) -> Any:
         """Return the parameters in an array p of the kernels as a named tuple, as functions get them."""
+        return self._reader()(p)
+
+    @functools.lru_cache(64)  # noqa: B019  a layout is small
+    def _reader(self) -> Callable[[np.ndarray], Any]:
         text = "\n    ".join(["def read(p):", *self._views("p", self.names), f"return {self._tuple(self.names)}", ""])
-        return define(text, "named", self._globals(self.names) | _PARTS_IN_PYTHON)["read"](p)
+        return define(text, "named", self._globals(self.names) | _PARTS_IN_PYTHON)["read"]
 
     def bind(self, function: Any, place: int = PLACE_OF_P) -> Any:
         """Return a jitted function of the array p that calls `function` with the named parameters.

@@ -86,9 +86,11 @@ def shortest_loads(values: dict[str, np.ndarray], t_span: tuple[float, float]) -
     for times, record in _RECORDS:
         if times in values:
             t, x = values[times], values[record]
-            acts = np.broadcast_to(np.any(x.reshape(*x.shape[:2], -1), axis=2), (max(len(t), len(x)), x.shape[1]))
-            members, changes = np.nonzero(np.diff(acts, prepend=False, append=False, axis=1))
-            rows, first, last = members[::2], np.maximum(changes[::2] - 1, 0), np.minimum(changes[1::2], x.shape[1] - 1)
+            count, acts = x.shape[1], np.zeros((max(len(t), len(x)), x.shape[1] + 2), dtype=bool)
+            acts[:, 1:-1] = np.any(x.reshape(len(x), count, -1), axis=2)
+            changes = np.flatnonzero(acts[:, 1:] != acts[:, :-1])  # in each row a load begins and ends in turn
+            rows, first = np.divmod(changes[::2], count + 1)
+            first, last = np.maximum(first - 1, 0), np.minimum(changes[1::2] % (count + 1), count - 1)
             begin, end = (t[rows if len(t) > 1 else 0, at] for at in (first, last))
             acting = (begin < t_span[1]) & (end > t_span[0])
             each = np.full(len(acts), np.inf)
