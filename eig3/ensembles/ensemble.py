@@ -15,7 +15,7 @@ from ..functions.events import Event
 from ..functions.first_order import NONE, FirstOrder, check_z0
 from ..functions.layout import bound_layout
 from ..functions.named import has_names
-from ..functions.records import records_of
+from ..functions.records import check_together
 from ..kernels.compile.interrupt import keeping, with_solution
 from ..keywords import with_suggestions
 from ..methods import Method
@@ -212,14 +212,11 @@ def ensemble(
 
 def of_members(rhs: Any, members: Members, options: RunOptions) -> RunOptions:
     """Return the options of members with the method of their runs, after all checks of a single run."""
-    n, records, layout = members.n - options.first_order.size, records_of(rhs), bound_layout(rhs)
-    if records and layout:  # different whole numbers, such as degrees of freedom, are checked in each member
-        is_whole = any(layout.kinds[layout.names.index(name)].is_whole for name in members.own)
-        for p in np.atleast_2d(members.params)[: None if is_whole else 1]:
-            records.check(layout.read(p), n)
+    n, given = members.n - options.first_order.size, (members.u0, members.v0, members.params)
+    check_together(rhs, members.params, members.own, n)
     times, prepared = check_times(options.t_eval, *members.t_span), Prepared(rhs, members.form, options)
     if prepared.rules:
-        prepared.rules.check_members(n, members)
+        prepared.rules.check(n, members.t_span, *given, members.first)
     return prepared.options._replace(t_eval=times)
 
 

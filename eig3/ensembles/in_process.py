@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..functions.callbacks import check_callback
 from ..functions.checks import check_time
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
-from ..functions.records import jump_note, jumps, shortest_loads
+from ..functions.records import jump_note, jumps, records_of, shortest_loads
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..run.progress import Progress
 from ..stepping.march import Cancel, March
@@ -83,6 +83,8 @@ class Run:
     def _jump(self) -> str:
         """Return the note about the fixed steps of a member that may jump over a load; empty if there are none."""
         members = self.members
+        if records_of(self.rhs) is None:
+            return ""
         loads = shortest_loads(self.rhs, members.params, members.own, members.t_span)
         ratios = members.h / loads
         i = int(ratios.argmax())

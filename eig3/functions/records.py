@@ -56,6 +56,18 @@ def longest_step(records: Records | None, params: Any, n: int) -> float:
     return params.known[2]
 
 
+def check_together(rhs: Any, params: np.ndarray, own: Sequence[str], n: int) -> None:
+    """Check the parameters of the first member, or of all members if they have different whole numbers.
+
+    The arguments are as for `shortest_loads`, and n is the number of degrees of freedom.
+    """
+    records, layout = records_of(rhs), bound_layout(rhs)
+    if records and layout:
+        is_whole = any(layout.kinds[layout.names.index(name)].is_whole for name in own)
+        for p in np.atleast_2d(params)[: None if is_whole else 1]:
+            records.check(layout.read(p), n)
+
+
 def shortest_loads(
     rhs: Any, params: np.ndarray, own: Sequence[str] = (), t_span: tuple[float, float] = EVER
 ) -> np.ndarray:

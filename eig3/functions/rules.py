@@ -35,24 +35,26 @@ class Rules:
     def __bool__(self) -> bool:
         return bool(self._texts)
 
-    def check(self, n: int, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> None:
-        """Raise a ValueError if a start with n velocities, besides first-order unknowns, lies behind an event."""
-        _, k = self._missed(n, span, u, v, params, 1, 1)
+    def check(
+        self, n: int, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, first: int | None = None
+    ) -> None:
+        """Raise a ValueError if a start lies behind an event.
+
+        Parameters
+        ----------
+        n : int
+            The number of velocities without first-order unknowns.
+        span : (float, float)
+        u, v, params : ndarray
+            With a first axis of members for an ensemble, or params without it if all members share them.
+        first : int, optional
+            The number of the first member, for an ensemble.
+        """
+        count = 1 if first is None else len(u)
+        sets, soon = count if params.ndim == 2 else 1, _AT_ONCE * (span[1] - span[0])
+        values = params.ravel(), u.ravel(), v.ravel(), np.empty(u.size // count)
+        i, k = starts_kernel()(self._table, span[0], soon, n, count, sets, *values)
         if k >= 0:
-            raise self._error(k, "the start")
-
-    def check_members(self, n: int, members: Any) -> None:
-        """Raise a ValueError if the start of one of some `Members` lies behind an event."""
-        u, v, params = (x.ravel() for x in (members.u0, members.v0, members.params))
-        count = len(members)
-        i, k = self._missed(n, members.t_span, u, v, params, count, count if members.has_own_params else 1)
-        if k >= 0:
-            raise self._error(k, f"member {members.first + i}")
-
-    def _missed(self, n: int, span: tuple[float, float], u: Any, v: Any, params: Any, count: int, sets: int) -> Any:
-        soon, scratch = _AT_ONCE * (span[1] - span[0]), np.empty(u.size // count)
-        return starts_kernel()(self._table, span[0], soon, n, count, sets, params, u, v, scratch)
-
-    def _error(self, k: int, who: str) -> ValueError:
-        rule, name = self._texts[k]
-        return ValueError(f"{rule}, but {who} lies behind {name!r}: change u0, v0, t_span or params.")
+            rule, name = self._texts[k]
+            who = "the start" if first is None else f"member {first + i}"
+            raise ValueError(f"{rule}, but {who} lies behind {name!r}: change u0, v0, t_span or params.")
