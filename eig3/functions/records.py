@@ -49,11 +49,11 @@ def longest_step(records: Records | None, params: Any, n: int) -> float:
     """
     if records is None or not isinstance(params, Parameters):
         return math.inf
-    if params.known[:2] != (records, n):
+    if params._known[:2] != (records, n):
         records.check(params, n)
         values = {name: np.asarray(x)[None] for name, x in params._asdict().items() if name in records.names}
-        object.__setattr__(params, "known", (records, n, float(records.shortest(values, EVER)[0]) / 2))
-    return params.known[2]
+        object.__setattr__(params, "_known", (records, n, float(records.shortest(values, EVER)[0]) / 2))
+    return params._known[2]
 
 
 def check_together(rhs: Any, params: np.ndarray, own: Sequence[str], n: int) -> None:
