@@ -178,9 +178,14 @@ class Problem:
             bind = params.layout.bind
             own |= {"rhs": bind(own["rhs"]), "energy": bind(own["energy"])}
             own["events"] = params.layout.bind_all(own["events"])
+            longest_step(records_of(own["rhs"]), params, np.size(u0))  # checks the parameters
         for name, value in own.items():
             object.__setattr__(self, name, value)  # the dataclass is frozen
-        longest_step(records_of(self.rhs), self.params, np.size(u0))  # checks the parameters
+
+    @cached_property
+    def _longest_step(self) -> float:
+        """The longest step that jumps over no load of a record."""
+        return longest_step(records_of(self.rhs), self.params, np.size(self.u0))
 
     @property
     def _layout(self) -> Layout | None:
@@ -262,8 +267,7 @@ class Problem:
         options |= {"h": h, "method": method}
         if accuracy is not None:
             goal = check_goal(accuracy, *further)
-            longest = longest_step(records_of(self.rhs), self.params, np.size(self.u0))
-            return reach(goal, self.rhs, self.prepare, options, (span,), of_call, longest)
+            return reach(goal, self.rhs, self.prepare, options, (span,), of_call, self._longest_step)
         refuse_without_accuracy(**dict(zip(_OF_AN_ACCURACY[1:], further, strict=True)))
         return self.prepare(**options)(span, **of_call)
 
@@ -286,7 +290,7 @@ class Problem:
         form = SCALAR if np.ndim(self.u0) == 0 else VECTOR
         start = self.t_span, self.u0, self.v0, self.params
         z = self.unknowns.joined(self.z0) if self.z0 else None
-        return Prepared(self.rhs, form, run_options(self._layout, **options), start, z)
+        return Prepared(self.rhs, form, run_options(self._layout, **options), start, z, self._longest_step)
 
     def load(
         self,

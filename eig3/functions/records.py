@@ -15,23 +15,27 @@ EVER = -math.inf, math.inf
 _ROUND_OFF = 1e-9  # of the times of a record, relative to the duration of a load
 
 
+#: The times, shape (m, s), and the values, shape (m, s) or (m, s, k), of a record in m members. One may have m = 1.
+Table = tuple[np.ndarray, np.ndarray]
+
+
 class Records(NamedTuple):
     """What a right-hand side with records of loads knows of its parameters.
 
     Attributes
     ----------
+    tables : callable
+        ``tables(rows, layout)`` returns the records in parameters of m members, shape (m, k), as `Table`. A load acts
+        where a value is not zero.
     names : tuple of str
-        The parameters with the records.
-    check : callable
+        The names of the parameters with the records, if parameters have names.
+    check : callable, optional
         ``check(params, n)`` raises an error if the parameters of n degrees of freedom do not belong together.
-    shortest : callable
-        ``shortest(values, t_span)`` returns the durations of the shortest loads that act in a span, shape (m,). They
-        are infinite without a load. `values` are the parameters by name, with a first axis of m members.
     """
 
-    names: tuple[str, ...]
-    check: Callable[[Any, int], None]
-    shortest: Callable[[dict[str, np.ndarray], tuple[float, float]], np.ndarray]
+    tables: Callable[[np.ndarray, Any], list[Table]]
+    names: tuple[str, ...] = ()
+    check: Callable[[Any, int], None] | None = None
 
 
 def records_of(rhs: Any) -> Records | None:
@@ -47,12 +51,15 @@ def longest_step(records: Records | None, params: Any, n: int) -> float:
 
     It is infinite without records, and half as long as the shortest load otherwise. The parameters remember it.
     """
-    if records is None or not isinstance(params, Parameters):
+    if records is None:
         return math.inf
+    if not isinstance(params, Parameters):
+        return math.inf if records.names else float(_shortest(records.tables(np.atleast_2d(params), None), EVER)[0]) / 2
     if params._known[:2] != (records, n):
-        records.check(params, n)
-        values = {name: np.asarray(x)[None] for name, x in params._asdict().items() if name in records.names}
-        object.__setattr__(params, "_known", (records, n, float(records.shortest(values, EVER)[0]) / 2))
+        if records.check:
+            records.check(params, n)
+        tables = records.tables(np.asarray(params)[None], params.layout)
+        object.__setattr__(params, "_known", (records, n, float(_shortest(tables, EVER)[0]) / 2))
     return params._known[2]
 
 
@@ -62,7 +69,7 @@ def check_together(rhs: Any, params: np.ndarray, own: Sequence[str], n: int) -> 
     The arguments are as for `shortest_loads`, and n is the number of degrees of freedom.
     """
     records, layout = records_of(rhs), bound_layout(rhs)
-    if records and layout:
+    if records and records.check and layout:
         is_whole = any(layout.kinds[layout.names.index(name)].is_whole for name in own)
         for p in np.atleast_2d(params)[: None if is_whole else 1]:
             records.check(layout.read(p), n)
@@ -86,13 +93,27 @@ def shortest_loads(
     ndarray, shape (m,) or (1,)
     """
     records, layout = records_of(rhs), bound_layout(rhs)
-    if records is None or layout is None:
+    if records is None or (records.names and layout is None):
         return np.array([math.inf])
     rows = np.atleast_2d(params)
-    rows = rows[:1] if own and not {*own} & {*records.names} else rows
-    first = layout.read(rows[0])._asdict()
-    places, shapes = layout.places(first), {name: np.shape(first[name]) for name in records.names if name in first}
-    return records.shortest({name: rows[:, places[name]].reshape(-1, *shape) for name, shape in shapes.items()}, t_span)
+    return _shortest(records.tables(rows[:1] if own and not {*own} & {*records.names} else rows, layout), t_span)
+
+
+def _shortest(tables: list[Table], t_span: tuple[float, float]) -> np.ndarray:
+    """Return the durations of the shortest parts of records that are not zero and act in a span."""
+    shortest = np.full(1, math.inf)
+    for t, x in tables:
+        count, acts = x.shape[1], np.zeros((max(len(t), len(x)), x.shape[1] + 2), dtype=bool)
+        acts[:, 1:-1] = np.any(x.reshape(len(x), count, -1), axis=2)
+        changes = np.flatnonzero(acts[:, 1:] != acts[:, :-1])  # in each row a load begins and ends in turn
+        rows, first = np.divmod(changes[::2], count + 1)
+        first, last = np.maximum(first - 1, 0), np.minimum(changes[1::2] % (count + 1), count - 1)
+        begin, end = (t[rows if len(t) > 1 else 0, at] for at in (first, last))
+        acting = (begin < t_span[1]) & (end > t_span[0])
+        each = np.full(len(acts), math.inf)
+        np.minimum.at(each, rows[acting], (end - begin)[acting])
+        shortest = np.minimum(shortest, each)
+    return shortest
 
 
 def jumps(h: float, load: float) -> bool:

@@ -65,8 +65,9 @@ class Prepared:
         options: RunOptions,
         defaults: tuple = (),
         z0: np.ndarray | None = None,
+        longest: float = math.inf,
     ) -> None:
-        self._defaults, self._z0, layout = defaults, z0, options.layout
+        self._defaults, self._z0, self._longest, layout = defaults, z0, longest, options.layout
         unknowns = options.first_order
         rhs = unknowns.bind_rhs(rhs) if unknowns.is_read else rhs
         rhs = layout.bind(rhs) if layout else rhs
@@ -79,8 +80,8 @@ class Prepared:
             options = options._replace(method=usual_method(options.tolerances.rtol, reads_velocity))
         self.options = options
         self._system: System = remembered(rhs, form, options)
-        self._records = records_of(rhs)
-        self._longest = longest_step(self._records, defaults[3], np.size(defaults[1])) if defaults else math.inf
+        records = records_of(rhs)
+        self._records = records if records and (records.check or options.tolerances) else None
         self.rules = Rules(options.events, (g for g, _ in self._system.event_callbacks)) or None
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
@@ -155,7 +156,8 @@ class Prepared:
         start, longest = (check_span(span), u, v, guarded(check_params(params))), math.inf
         if self._records or self.rules:
             n = u.size - self._system.first_order.size
-            longest = longest_step(self._records, params, n)
+            is_own = bool(self._defaults) and params is self._defaults[3]
+            longest = self._longest if is_own else longest_step(self._records, params, n)
             if self.rules:
                 self.rules.check(n, *start)
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
@@ -277,7 +279,8 @@ class Prepared:
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:
-        return Prepared, (self._system.rhs, self._system.form, self.options, self._defaults, self._z0)
+        given = self._defaults, self._z0, self._longest
+        return Prepared, (self._system.rhs, self._system.form, self.options, *given)
 
 
 @with_solution

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..functions.checks import reals, shown
-from ..functions.records import Records
+from ..functions.records import Records, Table
 from .matrices import check_masses
 
 _RECORDS = ("ground_times", "ground"), ("force_times", "forces")
@@ -80,27 +80,19 @@ def check_together(params: Any, n: int) -> None:
             raise ValueError(f"params[{name!r}] must have a value for each of {count} links, not {len(values)}.")
 
 
-def shortest_loads(values: dict[str, np.ndarray], t_span: tuple[float, float]) -> np.ndarray:
-    """Return the durations of the shortest parts of records that are not zero and act in a span; see `Records`."""
-    shortest = np.full(max(map(len, values.values()), default=1), np.inf)
-    for times, record in _RECORDS:
-        if times in values:
-            t, x = values[times], values[record]
-            count, acts = x.shape[1], np.zeros((max(len(t), len(x)), x.shape[1] + 2), dtype=bool)
-            acts[:, 1:-1] = np.any(x.reshape(len(x), count, -1), axis=2)
-            changes = np.flatnonzero(acts[:, 1:] != acts[:, :-1])  # in each row a load begins and ends in turn
-            rows, first = np.divmod(changes[::2], count + 1)
-            first, last = np.maximum(first - 1, 0), np.minimum(changes[1::2] % (count + 1), count - 1)
-            begin, end = (t[rows if len(t) > 1 else 0, at] for at in (first, last))
-            acting = (begin < t_span[1]) & (end > t_span[0])
-            each = np.full(len(acts), np.inf)
-            np.minimum.at(each, rows[acting], (end - begin)[acting])
-            shortest = np.minimum(shortest, each)
-    return shortest
+def tables(rows: np.ndarray, layout: Any) -> list[Table]:
+    """Return the records in the parameters of members; see `Records`."""
+    first = layout.read(rows[0])._asdict()
+    places = layout.places(first)
+    return [
+        tuple(rows[:, places[name]].reshape(-1, *np.shape(first[name])) for name in names)  # type: ignore[misc]
+        for names in _RECORDS
+        if names[0] in first
+    ]
 
 
 #: What the right-hand side of a structure knows of its parameters.
-RECORDS = Records(tuple(name for names in _RECORDS for name in names), check_together, shortest_loads)
+RECORDS = Records(tables, tuple(name for names in _RECORDS for name in names), check_together)
 
 
 def _record(given: Any, name: str, wanted: str) -> tuple:
