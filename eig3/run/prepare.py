@@ -82,7 +82,8 @@ class Prepared:
         self._system: System = remembered(rhs, form, options)
         records = records_of(rhs)
         self._records = records if records and (records.check or options.tolerances) else None
-        self.rules = Rules(options.events, (g for g, _ in self._system.event_callbacks)) or None
+        callbacks = self._system.event_callbacks
+        self.rules = (Rules(options.events, [g for g, _ in callbacks]) or None) if callbacks else None
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
 
