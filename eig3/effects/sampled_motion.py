@@ -77,7 +77,7 @@ class SampledMotion(Sampled):
 
     vectors = ("direction",)
     arrays = ("times", "values")
-    record = ("times", "values")
+    _record = arrays
     source = "linear interpolation"
 
     @staticmethod

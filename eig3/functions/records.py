@@ -40,7 +40,7 @@ class Records(NamedTuple):
 
 def records_of(rhs: Any) -> Records | None:
     """Return the records of a right-hand side, or None. They are pickled with the Python function."""
-    function = getattr(rhs, "py_func", None)
+    function: Any = getattr(rhs, "py_func", None)
     while hasattr(function, "inner"):
         function = function.inner.py_func
     return getattr(function, "records", None)

@@ -510,11 +510,10 @@ class Motion(Effect):
 
     A class has ``motion``, which returns the displacement from the fixed position and its rate, and a vector field
     ``direction``, which multiplies both. The arguments can be the time t and fields; see `Body` for `vectors`, `arrays`
-    and `nonnegative`. Several motions of one point add up. `record` names the arrays with the times and the values of a
-    record of the displacement: steps do not jump over a short part that differs from its first value.
+    and `nonnegative`. Several motions of one point add up.
     """
 
-    record: ClassVar[tuple[str, ...]] = ()
+    _record: ClassVar[tuple[str, ...]] = ()  # the arrays with the times and the values of a record, see `Source`
     offers: ClassVar[dict[str, tuple[str, ...]]] = {"motion": ("t",)}
     needs: ClassVar[tuple[str, ...]] = ("motion",)
     takes: ClassVar[tuple[int, ...]] = (1,)

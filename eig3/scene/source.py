@@ -158,11 +158,8 @@ class Source(Writer):
         self.box = BoxText(sides, self.add(np.array(cloud.shear)) if cloud.shear else None)
         self.team: int | None = None
         self.is_of_part = False
-        self.records = [
-            tuple(motion.columns[name].place for name in motion.effect.record)
-            for motion in self.motions
-            if motion.effect.record  # type: ignore[attr-defined]
-        ]
+        motions: list[Any] = [motion for motion in self.motions if motion.effect._record]  # type: ignore[attr-defined]
+        self.records = [tuple(motion.columns[name].place for name in motion.effect._record) for motion in motions]
 
     @property
     def params(self) -> np.ndarray:
