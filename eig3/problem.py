@@ -17,7 +17,7 @@ from .animation import Curves
 from .animation.animate import View, animate
 from .diagnosis.critical import CriticalStep, critical_step, of_encounters, with_encounters
 from .ensembles.ensemble import ensemble
-from .ensembles.named_members import OfMembers, of_members
+from .ensembles.named_members import of_members
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import check_callback, reads_velocity
 from .functions.checks import check_method, check_params, check_span, check_state, reals
@@ -27,6 +27,7 @@ from .functions.guard import guarded
 from .functions.layout import Layout
 from .functions.named import Parameters, in_layout, named
 from .functions.quantities import EnergyLessWork
+from .functions.records import longest_step, records_of
 from .geometry import Geometry
 from .kernels.protocol import SCALAR, VECTOR
 from .keywords import suggestion, with_suggestions
@@ -177,24 +178,14 @@ class Problem:
             bind = params.layout.bind
             own |= {"rhs": bind(own["rhs"]), "energy": bind(own["energy"])}
             own["events"] = params.layout.bind_all(own["events"])
+            longest_step(records_of(own["rhs"]), params, np.size(u0))  # checks the parameters
         for name, value in own.items():
             object.__setattr__(self, name, value)  # the dataclass is frozen
-        if self._check_of_params:
-            self._check_of_params(own["params"])
 
-    @property
-    def _check_of_params(self) -> Callable[[Any], None] | None:
-        """The function that checks whether parameters belong together, in a kind of problems that needs it."""
-        return None
-
-    def _check_members(self, params: OfMembers) -> None:
-        """Check the parameters of the first member, or of all members if they have different whole numbers."""
-        check, layout = self._check_of_params, self.params.layout
-        if check is None:
-            return
-        is_whole = any(layout.kinds[layout.names.index(name)].is_whole for name in params.own)
-        for p in params.flat[: None if is_whole else 1]:
-            check(layout.read(p))
+    @cached_property
+    def _longest_step(self) -> float:
+        """The longest step that jumps over no load of a record."""
+        return longest_step(records_of(self.rhs), self.params, np.size(self.u0))
 
     @property
     def _layout(self) -> Layout | None:
@@ -276,7 +267,7 @@ class Problem:
         options |= {"h": h, "method": method}
         if accuracy is not None:
             goal = check_goal(accuracy, *further)
-            return reach(goal, self.rhs, self.prepare, options, (span,), of_call)
+            return reach(goal, self.rhs, self.prepare, options, (span,), of_call, self._longest_step)
         refuse_without_accuracy(**dict(zip(_OF_AN_ACCURACY[1:], further, strict=True)))
         return self.prepare(**options)(span, **of_call)
 
@@ -299,7 +290,7 @@ class Problem:
         form = SCALAR if np.ndim(self.u0) == 0 else VECTOR
         start = self.t_span, self.u0, self.v0, self.params
         z = self.unknowns.joined(self.z0) if self.z0 else None
-        return Prepared(self.rhs, form, run_options(self._layout, **options), start, z, self._check_of_params)
+        return Prepared(self.rhs, form, run_options(self._layout, **options), start, z, self._longest_step)
 
     def load(
         self,
@@ -394,7 +385,6 @@ class Problem:
         span = self.t_span[0], self.t_span[1] if t_end is None else t_end
         if self._layout:
             params = of_members({} if params is None else params, self.params)
-            self._check_members(params)
         elif params is None:
             params = check_params(self.params)
             given: Any = (self.u0, u0), (self.v0, v0), (0.0, 0.0 if h is None else h)

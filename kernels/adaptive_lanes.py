@@ -66,17 +66,18 @@ _project_at = function_at(float64(float64, *[vector_type] * 3))
 class LaneRows(NamedTuple):
     """The rows with one value for each lane.
 
-    `there` is the time of a stage, `step` the step of the trial, and `h` the next step. `before` is the step before,
-    and `error` the logarithm of its error. The error of a trial is relative to at least `u_least` and `v_least`, and v
-    has no separate size up to `v_blur`. `bad` is `BAD` if a single run has to take the trajectory, and `STOPPED` if
-    an event has ended it. `ok` is 1 if the trial was accepted, and `sees` is 1 if the lane is to be observed. The last
-    rows are for sums and maxima.
+    `there` is the time of a stage, `step` the step of the trial, `h` the next step and `longest` the longest. `before`
+    is the step before, and `error` the logarithm of its error. The error of a trial is relative to at least `u_least`
+    and `v_least`, and v has no separate size up to `v_blur`. `bad` is `BAD` if a single run has to take the trajectory,
+    and `STOPPED` if an event has ended it. `ok` is 1 if the trial was accepted, and `sees` is 1 if the lane is to be
+    observed. The last rows are for sums and maxima.
     """
 
     time: Any
     there: Any
     h: Any
     step: Any
+    longest: Any
     before: Any
     error: Any
     u_size: Any
@@ -123,7 +124,7 @@ class Block(NamedTuple):
 
 
 class Trajectories(NamedTuple):
-    """The trajectories: their starts, which become their ends, and their results.
+    """The trajectories: their starts, which become their ends, their longest steps, and their results.
 
     `params` has one row for each of them, or one for all.
     """
@@ -131,6 +132,7 @@ class Trajectories(NamedTuple):
     u: Any
     v: Any
     params: Any
+    longest: Any
     counts: Any
 
 
@@ -177,7 +179,7 @@ def adaptive(rhs, alone, project, count, span, block, trajectories, seen):
         for lane in range(LANES):
             x, e = step[lane], exponent(square[lane])
             is_ok = (square[lane] <= 1.0) & (x > 0)
-            longer = next_step(x, before[lane], e, error[lane], rejected[lane] > 0, span.h_max, ORDER)
+            longer = next_step(x, before[lane], e, error[lane], rejected[lane] > 0, of.longest[lane], ORDER)
             shorter = x * shrinkage(square[lane], ORDER)
             reached = t_end if h[lane] >= t_end - time[lane] else time[lane] + x
             h[lane] = longer if is_ok else (shorter if x > 0 else h[lane])
@@ -251,12 +253,14 @@ def begin_lane(lane, alone, span, of, y, block, trajectories, seen):
             block.place[OPEN] -= 1
             return
     counters[:] = 0.0
-    counters[TIME], counters[STEP] = span.t0, min(block.h_first, span.h_max)
-    limits = span.h_max, span.rtol, span.atol, span.is_relative
+    longest = trajectories.longest[m]
+    counters[TIME], counters[STEP] = span.t0, min(block.h_first, longest)
+    limits = longest, span.rtol, span.atol, span.is_relative
     mine = Span(span.t0, span.t_end, own, 0, 0, 0, 0, *limits, 0, 0, counters, counters, one, one)
     BEGIN(alone, address_of(mine), counters, ORDER, one)
     of.time[lane], of.h[lane], of.before[lane], of.error[lane] = span.t0, counters[STEP], counters[STEP_BEFORE], 1.0
     of.u_size[lane], of.v_size[lane], of.rejected[lane] = counters[U_SIZE], counters[V_SIZE], 0.0
+    of.longest[lane] = longest
     trajectories.counts[m, EVALUATED] = 1 + int64(counters[EVALUATIONS])
     if len(block.p) > len(own):  # each lane has its own parameters
         for k in range(len(own)):
@@ -409,7 +413,7 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int, observes: bool)
         *(int64, int64, int64, int64),
         SPAN,
         Record((vector, vector, integers, integers, matrix, vector, float64), Block),
-        Record((matrix, matrix, matrix, Array(int64, 2, "C")), Trajectories),
+        Record((matrix, matrix, matrix, vector, Array(int64, 2, "C")), Trajectories),
         LANE_OBSERVATION if observes else none,
     )
     label = f"{module}_{form.name}_{n}_of_{lanes}_lanes{'_observed' * observes}"

@@ -486,6 +486,10 @@ def test_notes_say_why_a_function_is_not_vectorised():
         return math.cos(t) - u  # the same for all members, so that it is computed once
 
     @eig3.jit
+    def free(t, u, v, p):
+        return 0.0
+
+    @eig3.jit
     def searched(t, u, v, p):
         x = 1.0
         while x * x < 2.0 + abs(u):
@@ -503,7 +507,7 @@ def test_notes_say_why_a_function_is_not_vectorised():
         assert_alone(solution[0], alone)
         return solution.notes
 
-    assert notes(of_t_only) == ()
+    assert notes(of_t_only) == notes(free) == ()
     assert "calls sin of the C library" in notes(of_libm)[0]
     assert "eig3.math" in notes(of_libm)[0]
     assert "branches or loops" in notes(searched)[0]
@@ -782,9 +786,10 @@ def test_histories_that_do_not_fit_are_refused(monkeypatch):
         eig3.ensemble(linear_spring, (0, 1), np.ones(1000), 0.0, h=0.01, params=1.0, save_every=1)
 
 
-@pytest.mark.parametrize(("steps", "most"), [({"h": 0.01}, 650), ({"rtol": 1e-6}, 800)])
-def test_an_ensemble_of_four_members_makes_few_python_calls(steps, most):
+@pytest.mark.parametrize(("steps", "most"), [({"h": 0.01}, 630), ({"rtol": 1e-6}, 800)])
+def test_an_ensemble_of_four_members_makes_few_python_calls(steps, most, monkeypatch):
     """Some third of them are of NumPy: a call of an ensemble takes some tenths of a millisecond beside its steps."""
+    monkeypatch.setattr(lanewise, "FIRST_CHUNK", 1000)  # all steps: a busy machine would take more chunks
     params = np.ones((4, 1))
     assert (
         python_calls(lambda: eig3.ensemble(linear_spring, (0, 10), 1.0, 0.0, params=params, threads=1, **steps)) <= most

@@ -9,7 +9,7 @@ import scipy.linalg
 import scipy.sparse
 
 import eig3
-from eig3.effects import Gap
+from eig3.effects import ElasticPlastic, Gap
 from eig3.structures.factors import copies_in, factors, solution
 from eig3.structures.matrices import check_mass
 from eig3.structures.modes import highest_frequency, natural_modes
@@ -358,15 +358,85 @@ def test_changed_parameters_of_a_prepared_run():
         run(params=loaded().params._replace(ground=GROUND[1][:7]))
 
 
-@pytest.mark.parametrize("given", [{"rtol": 1e-6}, {"accuracy": 1e-4}])
+def test_parameters_beside_the_function_of_a_structure_are_checked_too():
+    """The function reads as many values as there are times."""
+    given = {"params": loaded().params._replace(ground=GROUND[1][:7]), "h": 0.01}
+    for call, u0 in ((eig3.integrate, np.zeros(6)), (eig3.ensemble, np.zeros((3, 6)))):
+        with pytest.raises(ValueError, match="ground must have a finite value for each of its 11"):
+            call(loaded().rhs, (0, 1), u0, np.zeros(6), **given)
+
+
+def test_the_events_of_links_need_the_parameters_of_their_problem():
+    """They read others at the places of these."""
+    problem = eig3.linear([1.0], t_span=(0, 1), links=[(ElasticPlastic(1.0, 1.0), None, 0)])
+    others = dict(reversed(problem.params._asdict().items()))
+    with pytest.raises(TypeError, match=r"params must have the names and kinds of the problem of these events"):
+        eig3.integrate(problem.rhs, (0, 1), [0.0], [0.0], params=others, z0=problem.z0, events=problem.events, h=0.1)
+
+
+# Short loads
+
+BLOW = np.array([0.0, 5.0, 5.0025, 5.005, 20.0])  # the record is padded with zeros
+LONG = np.array([0.0, 5.0, 10.0, 15.0, 20.0])
+
+
+def struck(times=BLOW, K=1.0):
+    force = times, [0.0, 0.0, 1e3, 0.0, 0.0]
+    return eig3.linear([1.0], None, K and [[K]], force=force, t_span=(0, 20), u0=1.0)
+
+
+@pytest.mark.parametrize("given", [{"rtol": 1e-6}, {"accuracy": 1e-4}, {"accuracy": 1e-4, "method": "rk4"}])
 def test_no_step_jumps_over_a_blow(given):
-    """The record is padded with zeros. Between blows the motion is smooth: the steps were a hundred times as long as a
-    blow, and the error as large as the motion."""
-    blow = [0.0, 5.0, 5.0025, 5.005, 20.0], [0.0, 0.0, 1e3, 0.0, 0.0]
-    problem = eig3.linear([1.0], None, [[1.0]], force=blow, t_span=(0, 20), u0=1.0)
-    run = problem.integrate(**given)
-    assert run.u[-1] == pytest.approx(problem.exact(20.0)[0][0], rel=0, abs=1e-4)
-    assert problem.integrate(rtol=1e-6, h_max=20.0).n_steps < 100
+    """Between blows the motion is smooth: the steps were a hundred times as long as a blow, and the error as large as
+    the motion."""
+    problem = struck()
+    exact = problem.exact(20.0)[0][0]
+    assert problem.integrate(**given).u[-1] == pytest.approx(exact, rel=0, abs=1e-4)
+    beside = eig3.integrate(problem.rhs, (0, 20), [1.0], [0.0], params=problem.params, **given)
+    assert beside.u[-1] == pytest.approx(exact, rel=0, abs=1e-4)
+
+
+def test_h_max_replaces_the_limit_of_a_blow():
+    assert struck().integrate(rtol=1e-6, h_max=20.0).n_steps < 100
+
+
+def test_a_prepared_run_knows_the_blow_of_each_record():
+    slow, fast = struck(LONG), struck(BLOW)
+    run = slow.prepare(rtol=1e-6)
+    assert run(params=fast.params).u[-1] == pytest.approx(fast.exact(20.0)[0][0], rel=0, abs=1e-4)
+    assert run().n_steps == fast.prepare(rtol=1e-6)(params=slow.params).n_steps < 100
+
+
+@pytest.mark.parametrize("m", [3, 20])  # one at a time, and in lanes
+def test_members_know_the_blows_of_their_own_records(m):
+    """A triangular load of the impulse I about the time t moves the free mass by I (20 - t)."""
+    problem = struck(LONG, K=None)
+    times = np.where(np.arange(m)[:, None] == 1, BLOW, LONG)
+    found = problem.ensemble(params={"force_times": times}, rtol=1e-6)
+    impulse, centre = 500 * (times[:, 3] - times[:, 1]), times[:, 2]
+    np.testing.assert_allclose(found.u[:, -1, 0], 1 + impulse * (20 - centre), rtol=1e-5)
+    assert (found.n_steps[[0, 2]] < 1000).all()  # the steps are held short while no load has acted
+    assert found.n_steps[1] >= 20 / 0.0025
+
+
+def test_a_fixed_step_that_jumps_over_a_blow_has_a_note():
+    """It is half as long as the blow at most."""
+    note = "h = 0.1 is longer than half of the shortest load of a record, which acts for 0.005: a step may jump over it"
+    for given in ({}, {"check": True}, {"save_every": None}):
+        assert note in struck().integrate(h=0.1, **given).notes[0]
+    assert not struck().integrate(h=0.0025).notes
+    assert not struck().integrate(h=0.1, t_end=4.9).notes
+    assert not struck(LONG).integrate(h=0.1).notes
+
+
+def test_the_note_about_a_jump_names_the_member():
+    note = "is longer than half of the shortest load of a record, which acts for 0.005"
+    of_all = struck().ensemble(u0=np.ones((3, 1)), h=0.1)
+    of_steps = struck().ensemble(h=[0.001, 0.1, 0.05])
+    of_records = struck().ensemble(params={"force_times": np.array([LONG, LONG, BLOW])}, h=0.1)
+    for found, who in ((of_all, ""), (of_steps, " of member 1"), (of_records, " of member 2")):
+        assert f"h = 0.1{who} {note}" in " ".join(found.notes)
+    assert not struck().ensemble(h=[0.001, 0.0025]).notes
 
 
 def test_each_member_must_load_a_degree_of_freedom():

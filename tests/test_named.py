@@ -397,6 +397,18 @@ def test_a_function_of_an_array_that_is_given_names():
         eig3.integrate(spring_of_array, (0, 1), 1.0, 0.0, params={"k": 1.0, "c": 0.1}, **H)
 
 
+@pytest.mark.parametrize("given", [{"power": 3, "k": 9.0, "c": 0.1}, {"c": 0.1, "k": 9, "power": 3.0}])
+def test_the_function_of_a_problem_takes_parameters_in_another_order_or_of_other_kinds(given):
+    """It read them at the places of the parameters of its problem, and a longer array from other memory."""
+    expected = eig3.integrate(spring, (0, 1), 1.0, 0.0, params=given, **H)
+    rhs = make_problem().rhs
+    np.testing.assert_array_equal(eig3.integrate(rhs, (0, 1), 1.0, 0.0, params=given, **H).u, expected.u)
+    members = eig3.ensemble(rhs, (0, 1), [1.0, 1.0], 0.0, params=given, **H)
+    np.testing.assert_allclose(members.u[:, -1], expected.u[-1], rtol=1e-14)
+    with pytest.raises(TypeError, match=r"^spring reads p\.k, but params has no k: did you mean c\?$"):
+        eig3.integrate(rhs, (0, 1), 1.0, 0.0, params={"c": 1.0}, **H)
+
+
 def test_parameters_of_another_layout():
     problem = make_problem()
     with pytest.raises(TypeError, match=r"^params must have power too: its names are k, c, power\.$"):

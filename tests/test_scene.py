@@ -414,6 +414,25 @@ def shaken_posts(n):
     return scene.problem((0.0, 1.0), work=True), masses, force / 2.0
 
 
+@pytest.mark.parametrize("n", [1, 12])  # motions with lines of their own, or in the loop over the springs
+def test_no_step_jumps_over_a_bump_of_a_support(n):
+    """A short bump of the area A at the time t leaves the motion A sin(20 - t) of a unit spring and mass."""
+    scene, places = Scene(1), np.arange(n)
+    posts, masses = scene.fixed(places), scene.mass(1.0, places + 1.0)
+    scene.add(LinearSpring(1.0, 1.0), posts, masses)
+    for k in range(n):
+        times = [0.0, 5.0, 5.0025, 5.005, 20.0] if k == n - 1 else np.linspace(0.0, 20.0 + k, 5)
+        scene.add(SampledMotion(times, [0.0, 0.0, 1e3, 0.0, 0.0]), posts[k])
+    problem = scene.problem((0.0, 20.0))
+    expected = n + 2.5 * math.sin(20 - 5.0025)
+    assert problem.integrate(rtol=1e-6).u[-1, -1] == pytest.approx(expected, rel=0, abs=1e-4)
+    members = problem.ensemble(u0=np.array([problem.u0] * 2), rtol=1e-6)
+    np.testing.assert_allclose(members.u[:, -1, -1], expected, rtol=0, atol=1e-4)
+    note = "h = 0.1 is longer than half of the shortest load of a record, which acts for 0.005"
+    for found in (problem.integrate(h=0.1), problem.ensemble(u0=np.array([problem.u0] * 2), h=0.1)):
+        assert note in " ".join(found.notes)
+
+
 def test_supports_with_records_of_their_own_share_code():
     """Few motions have lines of their own and many are computed in the loop over the springs: both move the posts."""
     for n in (2, 30):

@@ -3,6 +3,8 @@
 import inspect
 import math
 import re
+import sys
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -455,8 +457,25 @@ test_a_start_behind_a_stop_is_refused = refusals(
         f"{BEHIND} the start lies": lambda: dropped().prepare(rtol=1e-6)(u0=[0.0]),  # it would fall at once
         f"{BEHIND} member 1 lies": lambda: dropped().ensemble(u0=[[0.5], [-0.5]], h=0.01),
         f"{BEHIND} member 17 lies": lambda: dropped().ensemble(u0=np.linspace(0.83, -0.02, 18)[:, None], rtol=1e-6),
+        f"{BEHIND} member 2 lies": lambda: dropped().ensemble(params=with_floors(0.0, 0.5, 1.5), h=0.01),
     }
 )
+
+
+def with_floors(*heights):
+    """The parameters of members whose floors are at some heights."""
+    return dropped().params + np.multiply.outer(heights, np.eye(7)[3])
+
+
+def test_no_function_of_python_is_called_for_each_start():
+    """The check of a start took as long as a hundred steps in lanes."""
+    problem, calls = dropped(), Counter()
+    for _ in range(2):  # the first run compiles
+        calls.clear()
+        sys.setprofile(lambda frame, event, _: calls.update([frame.f_code] if event == "call" else []))
+        problem.ensemble(u0=np.ones((2048, 1)), h=0.1, t_end=0.1)
+        sys.setprofile(None)
+    assert max(calls.values()) < 2048
 
 
 def test_a_run_goes_on_from_a_bounce():

@@ -47,7 +47,8 @@ class SampledMotion(Sampled):
     constant between samples.
 
     The velocity jumps at the samples: no method keeps an order above 1 across a jump where a damper is attached to the
-    support.
+    support. With tolerances, steps are at most half as long as the shortest bump, a part of the record that differs
+    from its first value; a run with a longer fixed step has a note.
 
     Parameters
     ----------
@@ -76,6 +77,7 @@ class SampledMotion(Sampled):
 
     vectors = ("direction",)
     arrays = ("times", "values")
+    _record = arrays
     source = "linear interpolation"
 
     @staticmethod

@@ -71,7 +71,9 @@ class AdaptiveBlock(Alone):
         params = members.params[numbers] if members.has_own_params else members.params[None]
         counts = np.zeros((len(numbers), 4), dtype=np.int64)
         # the right-hand side of one member may write to the table of its constraints
-        trajectories = Trajectories(members.u0[numbers], members.v0[numbers], params.copy(), counts)
+        h_max = self._tolerances.h_max
+        longest = self.single.longest[numbers] if h_max == np.inf else np.full(len(numbers), h_max)
+        trajectories = Trajectories(members.u0[numbers], members.v0[numbers], params.copy(), longest, counts)
         callback, project = shared.prepared.system.callback, shared.project.address if shared.project else 0
         addresses = shared.rhs.address, callback.address, project
         block, span, slices = self._block(), self._span(int(callback.reads_time), observer), Slices(None)

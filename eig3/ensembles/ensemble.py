@@ -15,6 +15,7 @@ from ..functions.events import Event
 from ..functions.first_order import NONE, FirstOrder, check_z0
 from ..functions.layout import bound_layout
 from ..functions.named import has_names
+from ..functions.records import check_together
 from ..kernels.compile.interrupt import keeping, with_solution
 from ..keywords import with_suggestions
 from ..methods import Method
@@ -211,9 +212,11 @@ def ensemble(
 
 def of_members(rhs: Any, members: Members, options: RunOptions) -> RunOptions:
     """Return the options of members with the method of their runs, after all checks of a single run."""
+    n, given = members.n - options.first_order.size, (members.u0, members.v0, members.params)
+    check_together(rhs, members.params, members.own, n)
     times, prepared = check_times(options.t_eval, *members.t_span), Prepared(rhs, members.form, options)
-    for i in range(len(members) if prepared.has_rules else 0):
-        prepared.check_rules(f"member {members.first + i}", members.t_span, *members.start(i))
+    if prepared.rules:
+        prepared.rules.check(n, members.t_span, *given, members.first)
     return prepared.options._replace(t_eval=times)
 
 

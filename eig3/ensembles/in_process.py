@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..functions.callbacks import check_callback
 from ..functions.checks import check_time
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
+from ..functions.records import jump_note, jumps, records_of, shortest_loads
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..run.progress import Progress
 from ..stepping.march import Cancel, March
@@ -68,7 +69,7 @@ class Run:
 
     def _work(self) -> list[Alone]:
         shared, note = in_lanes(self.rhs, self._callback, self.histories, self._single, self.threads)
-        self.notes = [note] if note else []
+        self.notes = [each for each in (note, self._jump()) if each]
         m = len(self.members)
         order = np.argsort(self.members.n_steps, kind="stable")  # the members of a block end at similar times
         if shared is None:
@@ -78,6 +79,18 @@ class Run:
             pieces = max(1, min(_PIECES * self.threads, m // (_PIECES * lanes))) if self.threads > 1 else 1
             return [AdaptiveBlock(shared, numbers) for numbers in np.array_split(order, pieces)]
         return [Block(shared, order[i : i + lanes]) for i in range(0, m, lanes)]
+
+    def _jump(self) -> str:
+        """Return the note about the fixed steps of a member that may jump over a load; empty if there are none."""
+        members = self.members
+        if records_of(self.rhs) is None:
+            return ""
+        loads = shortest_loads(self.rhs, members.params, members.own, members.t_span)
+        ratios = members.h / loads
+        i = int(ratios.argmax())
+        h, load = float(members.steps[i]), float(loads[i % len(loads)])
+        whose = f" of member {members.first + i}" if len(ratios) > 1 else ""
+        return jump_note(h, load, whose) if jumps(h, load) else ""
 
     def march(self, progress: bool = False, cancel: Cancel | None = None) -> EnsembleSolution:
         """Run the members to their ends, or until `cancel` is set."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..functions.guard import NotFiniteAtStartError
 from ..functions.quantities import Functions
+from ..functions.records import shortest_loads
 from ..methods import Method
 from ..result.solution import Solution, Status
 from ..run.prepare import Prepared
@@ -41,6 +42,12 @@ class Singles:
         none: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "functions": Functions({}, {})}
         return Singles(self._rhs, self._members, self._options, **none)
 
+    @cached_property
+    def longest(self) -> np.ndarray:
+        """The longest step of each member that jumps over no load of a record, shape (m,)."""
+        members = self._members
+        return np.broadcast_to(shortest_loads(self._rhs, members.params, members.own) / 2, len(members))
+
     def prepared(self, i: int) -> Prepared:
         """Return the prepared run of member i, which all members share if they have the same step and no noise."""
         members, method = self._members, self._options.method
@@ -53,7 +60,7 @@ class Singles:
 
     def __call__(self, i: int, cancel: Cancel | None = None) -> Solution:
         """Integrate member i."""
-        return self.prepared(i).member(self._members.t_span, *self._members.start(i), cancel)
+        return self.prepared(i).member(self._members.t_span, *self._members.start(i), cancel, float(self.longest[i]))
 
     def _prepared(self, h: float | None, method: Method) -> Prepared:
         return Prepared(self._rhs, self._members.form, self._options._replace(h=h, method=method))

@@ -11,8 +11,6 @@ import numpy as np
 from ..keywords import with_suggestions
 from .checks import check_names, shown
 
-_AT_ONCE = 1e-9  # of the span: the motion is then far beyond the round-off of a located zero
-
 
 @with_suggestions()
 @dataclass(frozen=True)
@@ -82,18 +80,6 @@ class EffectEvent(Event):
 
     rule: str = ""
     turns: bool = False
-
-    def is_missed(self, g: Any, n: int, span: tuple[float, float], u: np.ndarray, v: np.ndarray, p: np.ndarray) -> bool:
-        """Return whether a start with n velocities breaks the rule: it lies at the event or behind it.
-
-        A run may begin where another one has bounced: the motion then leaves the event at once.
-        """
-        if not self.direction * g(span[0], u, v, p) >= 0:
-            return False
-        if self.turns:  # within yield, the sign does not depend on the velocity
-            return bool(self.direction * g(span[0], u, np.concatenate([-v[:n], v[n:]]), p) < 0)
-        soon = _AT_ONCE * (span[1] - span[0])
-        return not self.direction * g(span[0] + soon, u + soon * v, v, p) < 0
 
 
 @dataclass(frozen=True, eq=False)

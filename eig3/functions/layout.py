@@ -148,21 +148,25 @@ class Layout:
 
     def read(self, p: np.ndarray) -> Any:
         """Return the parameters in an array p of the kernels as a named tuple, as functions get them."""
+        return self._reader()(p)
+
+    @functools.lru_cache(64)  # noqa: B019  a layout is small
+    def _reader(self) -> Callable[[np.ndarray], Any]:
         text = "\n    ".join(["def read(p):", *self._views("p", self.names), f"return {self._tuple(self.names)}", ""])
-        return define(text, "named", self._globals(self.names) | _PARTS_IN_PYTHON)["read"](p)
+        return define(text, "named", self._globals(self.names) | _PARTS_IN_PYTHON)["read"]
 
     def bind(self, function: Any, place: int = PLACE_OF_P) -> Any:
         """Return a jitted function of the array p that calls `function` with the named parameters.
 
         p is the argument at a `place`.
 
-        It is the same object at each call. Bound functions, and objects that are not jitted functions, are returned
-        unchanged.
+        It is the same object at each call. A function that is bound to another layout, such as the rhs of a problem, is
+        bound anew. Objects that are not jitted functions are returned unchanged.
 
         Raises
         ------
         TypeError
-            If the function reads a name that no parameter has.
+            If the function reads a name that no parameter has, or is an event of a problem whose layout differs.
         """
         if isinstance(function, EnergyLessWork):
             return function._replace(energy=self.bind(function.energy))
@@ -170,8 +174,16 @@ class Layout:
             return (self.bind(function[0]), *function[1:])
         if isinstance(function, Event):
             return dataclasses.replace(function, g=self.bind(function.g), apply=self.bind(function.apply))
-        if not isinstance(function, Jitted) or bound_layout(function) or hasattr(function, "callback"):
+        own = bound_layout(function)
+        if not isinstance(function, Jitted) or own == self or (own is None and hasattr(function, "callback")):
             return function
+        if hasattr(function, "callback"):  # a member of a `Family`
+            raise TypeError(
+                "params must have the names and kinds of the problem of these events, in the same order: give "
+                "problem.params._replace(...)."
+            )
+        if own:
+            return self.bind(function.py_func.inner, place)
         known = vars(function).setdefault("_eig3_in_layouts", {})
         if self not in known:
             known[self] = self._bound(function, place)

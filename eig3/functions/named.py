@@ -32,7 +32,7 @@ class Parameters:
         If a name or a value is not valid.
     """
 
-    __slots__ = ("_flat", "_values", "layout")
+    __slots__ = ("_flat", "_known", "_values", "layout")
 
     def __init__(self, values: Any) -> None:
         given = values._asdict() if hasattr(values, "_asdict") else values
@@ -44,6 +44,7 @@ class Parameters:
         object.__setattr__(self, "_values", found)
         object.__setattr__(self, "layout", Layout(tuple(found), tuple(kinds)))
         object.__setattr__(self, "_flat", self.layout.flat(found))
+        object.__setattr__(self, "_known", ())  # see `records.longest_step`
         self._flat.flags.writeable = False
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:

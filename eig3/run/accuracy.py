@@ -183,6 +183,7 @@ def reach(
     options: dict[str, Any],
     start: tuple,
     of_call: dict[str, Any],
+    longest: float,
 ) -> Solution:
     """Return the first run that reaches an accuracy, or the best run with the status ACCURACY_NOT_REACHED.
 
@@ -198,6 +199,8 @@ def reach(
         The options of `integrate` that a prepared run has, and the options of a call.
     start : tuple
         The arguments of a call of the prepared run.
+    longest : float
+        The longest fixed step: a longer one jumps over a load, and the estimated error would not have it.
 
     Raises
     ------
@@ -216,6 +219,7 @@ def reach(
     first = of_call | {"check": False, "raise_on_failure": False, "cancel": cancel}
     known, search = learned(rhs), _Search(goal, knob, deadline)
     value, coarser, is_first = known.get(key) or (search.first(start[0]), search.coarser, True)
+    value = min(value, longest) if knob == "h" else value
     while True:
         prepared = prepare(**{**options, knob: value})
         check_accuracy_names(goal, prepared.options)

@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_state
 from ..functions.events import Event
 from ..functions.first_order import check_z0
 from ..functions.named import named
+from ..functions.records import longest_step, records_of
 from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.solution import Solution
@@ -146,4 +148,5 @@ def integrate(
     def prepared(**options: Any) -> Prepared:
         return Prepared(rhs, form, run_options(layout, **options), z0=unknowns[1])
 
-    return reach(check_goal(accuracy, scale, max_seconds), rhs, prepared, options, (t_span, u, v, params), of_call)
+    goal, longest = check_goal(accuracy, scale, max_seconds), longest_step(records_of(rhs), params, np.size(u))
+    return reach(goal, rhs, prepared, options, (t_span, u, v, params), of_call, longest)

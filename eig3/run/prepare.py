@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from functools import partial
 from os import PathLike
 from typing import Any
@@ -12,10 +13,11 @@ from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import check_flag, check_params, check_resolution, check_span, check_state, shown
-from ..functions.events import EffectEvent
 from ..functions.first_order import check_z0
 from ..functions.guard import guarded
 from ..functions.named import WITHOUT_NAMES, has_names, in_layout, named
+from ..functions.records import longest_step, records_of
+from ..functions.rules import Rules
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR, Form
 from ..keywords import refusal, with_suggestions
@@ -51,6 +53,8 @@ class Prepared:
         "scalar" or "vector": whether u0 and v0 are numbers or arrays.
     method : Method
     options : RunOptions
+    rules : Rules or None
+        What holds at a start that does not lie behind an event.
     """
 
     @with_solution
@@ -61,9 +65,9 @@ class Prepared:
         options: RunOptions,
         defaults: tuple = (),
         z0: np.ndarray | None = None,
-        params_check: Callable[[Any], None] | None = None,
+        longest: float = math.inf,
     ) -> None:
-        self._defaults, self._z0, self._params_check, layout = defaults, z0, params_check, options.layout
+        self._defaults, self._z0, self._longest, layout = defaults, z0, longest, options.layout
         unknowns = options.first_order
         rhs = unknowns.bind_rhs(rhs) if unknowns.is_read else rhs
         rhs = layout.bind(rhs) if layout else rhs
@@ -76,9 +80,10 @@ class Prepared:
             options = options._replace(method=usual_method(options.tolerances.rtol, reads_velocity))
         self.options = options
         self._system: System = remembered(rhs, form, options)
-        pairs = zip(options.events.items(), self._system.event_callbacks, strict=True)
-        of_effects = ((name, event, g.call) for (name, event), (g, _) in pairs if isinstance(event, EffectEvent))
-        self._rules = [each for each in of_effects if each[1].rule]
+        records = records_of(rhs)
+        self._records = records if records and (records.check or options.tolerances) else None
+        callbacks = self._system.event_callbacks
+        self.rules = (Rules(options.events, [g for g, _ in callbacks]) or None) if callbacks else None
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
 
@@ -148,43 +153,45 @@ class Prepared:
         if z0 is not None or self._system.first_order.names:
             u, v = self._with_first_order(u, v, z0)
         if self.options.layout or (type(params) not in WITHOUT_NAMES and has_names(params)):
-            given, params = params, in_layout(self.options.layout, params)
-            if self._params_check and given is not self._defaults[3]:
-                self._params_check(params)
-        start = check_span(span), u, v, guarded(check_params(params))
-        if self._rules:
-            self.check_rules("the start", *start)
+            params = in_layout(self.options.layout, params)
+        start, longest = (check_span(span), u, v, guarded(check_params(params))), math.inf
+        if self._records or self.rules:
+            n = u.size - self._system.first_order.size
+            is_own = bool(self._defaults) and params is self._defaults[3]
+            longest = self._longest if is_own else longest_step(self._records, params, n)
+            if self.rules:
+                self.rules.check(n, *start)
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
-        solution = self._if_short(*start) if is_plain else None
-        solution = solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
+        solution = self._if_short(*start, longest) if is_plain else None
+        if solution is None:
+            solution = carry_out(partial(self._begin, *start, longest, progress, save_to), cancel, raise_on_failure)
         if check and solution.success:
             error = solution.check(cancel=cancel)
             if save_to is not None and error is not None:
                 keep_error(save_to, error)
         return solution
 
-    def member(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, cancel: Cancel | None) -> Solution:
-        """Run a member of an ensemble from a checked start. A short run ignores `cancel`."""
-        start = span, u, v, guarded(params)
+    def member(
+        self,
+        span: tuple[float, float],
+        u: Any,
+        v: Any,
+        params: np.ndarray,
+        cancel: Cancel | None,
+        longest: float | None = None,
+    ) -> Solution:
+        """Run a member of an ensemble from a checked start. A short run ignores `cancel`.
+
+        With tolerances, no step is longer than `longest`, by default for the loads of the problem.
+        """
+        start = span, u, v, guarded(params), self._longest if longest is None else longest
         solution = self._if_short(*start)
         return solution or carry_out(partial(self._begin, *start, False, None), cancel, raise_on_failure=False)
-
-    @property
-    def has_rules(self) -> bool:
-        """Whether an event has a rule for the start."""
-        return bool(self._rules)
-
-    def check_rules(self, who: str, *start: Any) -> None:
-        """Raise a ValueError if a start lies behind an event of an effect that would then never occur."""
-        n = np.size(start[1]) - self._system.first_order.size
-        for name, event, g in self._rules:
-            if event.is_missed(g, n, *start):
-                raise ValueError(f"{event.rule}, but {who} lies behind {name!r}: change u0, v0, t_span or params.")
 
     def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
         """Return a stepper at a checked start, after the checks of the right-hand side and the method."""
         start = span, u, v, guarded(params), None
-        return self._variable_stepper(*start) if self.options.tolerances else self._fixed_stepper(*start)[0]
+        return self._variable_stepper(*start, math.inf) if self.options.tolerances else self._fixed_stepper(*start)[0]
 
     def _with_first_order(self, u: Any, v: Any, z0: Any) -> tuple[Any, Any]:
         """Return u and v with first-order unknowns at their first values."""
@@ -193,13 +200,13 @@ class Prepared:
             raise TypeError("z0 needs z0 in eig3.prepare too, which shows the number of first-order unknowns.")
         return unknowns.start(u, v, self._z0 if z0 is None else unknowns.again(z0))  # type: ignore[arg-type]
 
-    def _if_short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> Solution | None:
+    def _if_short(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, longest: float) -> Solution | None:
         """Run in one call of the kernel; return None if the run is long, or may not complete."""
         tolerances = self.options.tolerances
         try:
             times, every = None if self._t_eval is None else self._times_in(span), self._every
             if tolerances:
-                return short_with_tolerances(self._variable_stepper(span, u, v, p, times), every, times)
+                return short_with_tolerances(self._variable_stepper(span, u, v, p, times, longest), every, times)
             stepper, steps = self._fixed_stepper(span, u, v, p, times)
             every = min(every, steps)
             rows = n_rows(steps, every)
@@ -221,14 +228,16 @@ class Prepared:
         wanted = "a number" if form is SCALAR else "an array"
         return ValueError(f"u0 must be {wanted}, because rhs has the {form.name} form, not {shown(u0)}.")
 
-    def _begin(self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, progress: bool, save_to: Any) -> Run:
+    def _begin(
+        self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, longest: float, progress: bool, save_to: Any
+    ) -> Run:
         """Return a run at its start."""
         if progress is not False:
             check_progress(progress)
         place = None if save_to is None else Place.of(save_to, self._system.labels, self._system.first_order)
         times, options = None if self._t_eval is None else self._times_in(span), self.options
         if options.tolerances:
-            stepper = self._variable_stepper(span, u, v, p, times)
+            stepper = self._variable_stepper(span, u, v, p, times, longest)
             return VariableRun(stepper, self._every, times, place, progress).begin()
         fixed, n_steps = self._fixed_stepper(span, u, v, p, times)
         return FixedRun(fixed, n_steps, span[1], options.save_every, times, place, progress).begin()
@@ -252,10 +261,12 @@ class Prepared:
         return Stepper.of(self._system, t0, h, u, v, p, times), n_steps
 
     def _variable_stepper(
-        self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, times: np.ndarray | None
+        self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, times: np.ndarray | None, longest: float
     ) -> VariableStepper:
         n = 1 if self._system.form is SCALAR else u.size
         tolerances = self._tolerances.get(n) or self.tolerances(n)
+        if longest != tolerances.h_max and self.options.tolerances.h_max == math.inf:  # type: ignore[union-attr]
+            tolerances = tolerances._replace(h_max=longest)
         return VariableStepper(self._system, span, u, v, p, tolerances, times)
 
     def tolerances(self, n: int) -> Tolerances:
@@ -264,11 +275,12 @@ class Prepared:
             unknowns = self._system.first_order
             size = unknowns.size
             assert self.options.tolerances
-            self._tolerances[n] = self.options.tolerances.of(n - size, size, are_read=unknowns.is_read)
+            own = self.options.tolerances.of(n - size, size, are_read=unknowns.is_read)
+            self._tolerances[n] = own._replace(h_max=self._longest) if own.h_max == math.inf else own
         return self._tolerances[n]
 
     def __reduce__(self) -> tuple:
-        given = self._defaults, self._z0, self._params_check
+        given = self._defaults, self._z0, self._longest
         return Prepared, (self._system.rhs, self._system.form, self.options, *given)
 
 

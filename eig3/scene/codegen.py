@@ -25,6 +25,7 @@ from ..functions.callbacks import jit
 from ..functions.companions import Constraints, History
 from ..functions.events import EffectEvent, Event
 from ..functions.families import Family
+from ..functions.records import Records
 from ..kernels import team
 from ..kernels.compile.jit import code_address, with_symbol
 from ..kernels.compile.source import define
@@ -46,7 +47,7 @@ from .lattice_sum_text import LatticeSumText
 from .links_text import LinksText
 from .mesh_text import MeshText, SupportsText
 from .pair_force_text import PairForceText
-from .source import Source, Symbols
+from .source import Source, Symbols, tables
 from .text import BlockText, Text, added
 
 #: Least numbers of near points, and of cells, for threads. Links are not shared between threads: the force of a link
@@ -86,6 +87,8 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
     functions = _functions(text, tuple(names.items()))
     if source.team is not None:
         functions["rhs"].py_func.shares = Shares(functions["share"], source.team, assembly.n)
+    if source.records:
+        functions["rhs"].py_func.records = Records(functools.partial(tables, tuple(source.records)))
     if assembly.constraints:
         keeping = functions["projection"], functions["constrained_step"]
         place = writing.place_of_constraints

@@ -513,6 +513,7 @@ class Motion(Effect):
     and `nonnegative`. Several motions of one point add up.
     """
 
+    _record: ClassVar[tuple[str, ...]] = ()  # the arrays with the times and the values of a record, see `Source`
     offers: ClassVar[dict[str, tuple[str, ...]]] = {"motion": ("t",)}
     needs: ClassVar[tuple[str, ...]] = ("motion",)
     takes: ClassVar[tuple[int, ...]] = (1,)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ..functions.records import Table
 from ..kernels.compile.source import Writer
 from .assembly import EVENT, STATE, Assembly
 from .box_text import BoxText
@@ -54,10 +55,15 @@ class Column:
 
 @dataclass(frozen=True)
 class Other:
-    """The place of an array in p, or of a state in u: the source for each member."""
+    """The place of an array in p, or of a state in u: the source for each member.
+
+    `place` has the two ends of an array in p, or the places in p of the begins and of the ends of several arrays, and
+    whether these are several.
+    """
 
     of: Callable[[str], str]
     is_uniform: bool
+    place: tuple[int, int, bool] | None = None
 
 
 def entry(array: str, offset: int, index: str) -> str:
@@ -132,6 +138,8 @@ class Source(Writer):
     team : int or None
         The place of the team of threads that share the pair forces; None if `threads` is not given, or the scene is
         small.
+    records : list of (tuple, tuple)
+        The `Other.place` of the times and the values of each motion with a record.
     is_of_part : bool
         Whether the current lines are for the masses of a part, from low to end.
     """
@@ -150,6 +158,8 @@ class Source(Writer):
         self.box = BoxText(sides, self.add(np.array(cloud.shear)) if cloud.shear else None)
         self.team: int | None = None
         self.is_of_part = False
+        motions: list[Any] = [motion for motion in self.motions if motion.effect._record]  # type: ignore[attr-defined]
+        self.records = [tuple(motion.columns[name].place for name in motion.effect._record) for motion in motions]
 
     @property
     def params(self) -> np.ndarray:
@@ -197,10 +207,12 @@ class Source(Writer):
     def _array(self, values: np.ndarray | list[np.ndarray]) -> Other:
         if not isinstance(values, list):
             offset = self.add(values)
-            return Other(lambda member: f"p[{offset}:{offset + values.size}]", True)
+            place = offset, offset + values.size, False
+            return Other(lambda member: f"p[{offset}:{offset + values.size}]", True, place)
         first = np.array([self.add(array) for array in values])
         starts, ends = self.column(first), self.column(first + [array.size for array in values])
-        return Other(lambda member: f"p[index({starts.of(member)}) : index({ends.of(member)})]", False)
+        place = starts.offset, ends.offset, True
+        return Other(lambda member: f"p[index({starts.of(member)}) : index({ends.of(member)})]", False, place)
 
     def _name(self, wanted: str) -> str:
         """Return a placeholder in the source, which `named` replaces by a name similar to `wanted`."""
@@ -216,6 +228,23 @@ class Source(Writer):
             taken.add(names[f"${number}"])
         functions = {names.get(name, name): function for name, function in self.functions.items()}
         return re.sub(r"\$\d+", lambda found: names[found[0]], source), functions
+
+
+def tables(places: Sequence[tuple], rows: np.ndarray, layout: Any) -> list[Table]:
+    """Return the records of motions in the parameters of members, less their first values; see `Records`."""
+    found = []
+    for pair in places:
+        for times, values in zip(*(_slices(place, rows[0]) for place in pair), strict=True):
+            found.append((rows[:, times], rows[:, values] - rows[:, values][:, :1]))
+    return found
+
+
+def _slices(place: tuple[int, int, bool], p: np.ndarray) -> list[slice]:
+    """Return the arrays at an `Other.place`."""
+    begin, end, are_several = place
+    if not are_several:
+        return [slice(begin, end)]
+    return [slice(*ends) for ends in p[begin : 2 * end - begin].astype(int).reshape(2, -1).T.tolist()]
 
 
 def state(array: str, first: int, number: str, size: int) -> str:

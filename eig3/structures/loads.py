@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..functions.checks import reals, shown
+from ..functions.records import Records, Table
 from .matrices import check_masses
+
+_RECORDS = ("ground_times", "ground"), ("force_times", "forces")
 
 
 def check_ground(ground: Any, n: int) -> dict[str, Any]:
@@ -77,16 +80,19 @@ def check_together(params: Any, n: int) -> None:
             raise ValueError(f"params[{name!r}] must have a value for each of {count} links, not {len(values)}.")
 
 
-def shortest_load(has: dict[str, Any]) -> float:
-    """Return the duration of the shortest part of the records that is not zero; infinite without a record."""
-    durations = [np.inf]
-    for name, record in (("ground_times", "ground"), ("force_times", "forces")):
-        if name in has:
-            t, acts = has[name], np.any(np.reshape(has[record], (len(has[name]), -1)), axis=1)
-            changes = np.flatnonzero(np.diff(acts, prepend=False, append=False))
-            first, last = np.maximum(changes[::2] - 1, 0), np.minimum(changes[1::2], len(t) - 1)
-            durations += (t[last] - t[first]).tolist()
-    return min(durations)
+def tables(rows: np.ndarray, layout: Any) -> list[Table]:
+    """Return the records in the parameters of members; see `Records`."""
+    first = layout.read(rows[0])._asdict()
+    places = layout.places(first)
+    return [
+        tuple(rows[:, places[name]].reshape(-1, *np.shape(first[name])) for name in names)  # type: ignore[misc]
+        for names in _RECORDS
+        if names[0] in first
+    ]
+
+
+#: What the right-hand side of a structure knows of its parameters.
+RECORDS = Records(tables, tuple(name for names in _RECORDS for name in names), check_together)
 
 
 def _record(given: Any, name: str, wanted: str) -> tuple:

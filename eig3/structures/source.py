@@ -22,6 +22,7 @@ from ..kernels.compile.source import Writer, define
 from . import links
 from .factors import solution
 from .links import Kind
+from .loads import RECORDS
 from .products import product
 from .text import Lines, Loops, Pattern, pattern_of
 
@@ -136,7 +137,7 @@ def right_hand_side(parts: Parts, force: Any) -> Any:
     written = define(str(out), "structure", names)["rhs"]
     is_plain = parts.threads == 1 and force is None  # a function of the user may need the runtime
     rhs = without_runtime(written) if is_plain else jit(written, parallel=parts.threads > 1)
-    rhs.py_func.parts = parts  # for outputs; this is pickled with the Python function
+    rhs.py_func.parts, rhs.py_func.records = parts, RECORDS  # these are pickled with the Python function
     return marked(rhs, parts, right_hand_side, force)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -12,29 +10,12 @@ from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, reals
 from ..problem import Problem
-from .loads import check_together, shortest_load
 from .matrices import Mass
 from .modes import Modes, modes_of
 
 
 class Structure(Problem):
     """A problem of `eig3.linear`: M u'' + C u' + K u = f."""
-
-    def _with_own(self, options: dict[str, Any], call: str) -> dict[str, Any]:
-        """Return the options of runs. With tolerances, no step jumps over a short load, if h_max is not given."""
-        options = super()._with_own(options, call)
-        has_tolerances = any(options.get(name) is not None for name in ("rtol", "atol"))
-        if has_tolerances and options.get("h_max") is None and np.isfinite(self._shortest_load):
-            options["h_max"] = self._shortest_load / 2
-        return options
-
-    @cached_property
-    def _shortest_load(self) -> float:
-        return shortest_load(self.params._asdict())
-
-    @property
-    def _check_of_params(self) -> Callable[[Any], None]:
-        return partial(check_together, n=np.size(self.u0))
 
     def modes(self, count: int, *, influence: ArrayLike | None = None) -> Modes:
         """Return the lowest natural modes without damping.

@@ -1,0 +1,129 @@
+"""Records of loads in the parameters of a right-hand side, and the longest step that jumps over none of their loads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .layout import bound_layout
+from .named import Parameters
+
+EVER = -math.inf, math.inf
+_ROUND_OFF = 1e-9  # of the times of a record, relative to the duration of a load
+
+
+#: The times, shape (m, s), and the values, shape (m, s) or (m, s, k), of a record in m members. One may have m = 1.
+Table = tuple[np.ndarray, np.ndarray]
+
+
+class Records(NamedTuple):
+    """What a right-hand side with records of loads knows of its parameters.
+
+    Attributes
+    ----------
+    tables : callable
+        ``tables(rows, layout)`` returns the records in parameters of m members, shape (m, k), as `Table`. A load acts
+        where a value is not zero.
+    names : tuple of str
+        The names of the parameters with the records, if parameters have names.
+    check : callable, optional
+        ``check(params, n)`` raises an error if the parameters of n degrees of freedom do not belong together.
+    """
+
+    tables: Callable[[np.ndarray, Any], list[Table]]
+    names: tuple[str, ...] = ()
+    check: Callable[[Any, int], None] | None = None
+
+
+def records_of(rhs: Any) -> Records | None:
+    """Return the records of a right-hand side, or None. They are pickled with the Python function."""
+    function: Any = getattr(rhs, "py_func", None)
+    while hasattr(function, "inner"):
+        function = function.inner.py_func
+    return getattr(function, "records", None)
+
+
+def longest_step(records: Records | None, params: Any, n: int) -> float:
+    """Return the longest step that jumps over no load, after the check that named parameters belong together.
+
+    It is infinite without records, and half as long as the shortest load otherwise. The parameters remember it.
+    """
+    if records is None:
+        return math.inf
+    if not isinstance(params, Parameters):
+        return math.inf if records.names else float(_shortest(records.tables(np.atleast_2d(params), None), EVER)[0]) / 2
+    if params._known[:2] != (records, n):
+        if records.check:
+            records.check(params, n)
+        tables = records.tables(np.asarray(params)[None], params.layout)
+        object.__setattr__(params, "_known", (records, n, float(_shortest(tables, EVER)[0]) / 2))
+    return params._known[2]
+
+
+def check_together(rhs: Any, params: np.ndarray, own: Sequence[str], n: int) -> None:
+    """Check the parameters of the first member, or of all members if they have different whole numbers.
+
+    The arguments are as for `shortest_loads`, and n is the number of degrees of freedom.
+    """
+    records, layout = records_of(rhs), bound_layout(rhs)
+    if records and records.check and layout:
+        is_whole = any(layout.kinds[layout.names.index(name)].is_whole for name in own)
+        for p in np.atleast_2d(params)[: None if is_whole else 1]:
+            records.check(layout.read(p), n)
+
+
+def shortest_loads(
+    rhs: Any, params: np.ndarray, own: Sequence[str] = (), t_span: tuple[float, float] = EVER
+) -> np.ndarray:
+    """Return the durations of the shortest loads that act in a span; infinite without records.
+
+    Parameters
+    ----------
+    rhs : jitted function
+    params : ndarray, shape (k,) or (m, k)
+        As kernels get them.
+    own : sequence of str
+        The parameters with a value for each of the m members; empty if they are not known.
+
+    Returns
+    -------
+    ndarray, shape (m,) or (1,)
+    """
+    records, layout = records_of(rhs), bound_layout(rhs)
+    if records is None or (records.names and layout is None):
+        return np.array([math.inf])
+    rows = np.atleast_2d(params)
+    return _shortest(records.tables(rows[:1] if own and not {*own} & {*records.names} else rows, layout), t_span)
+
+
+def _shortest(tables: list[Table], t_span: tuple[float, float]) -> np.ndarray:
+    """Return the durations of the shortest parts of records that are not zero and act in a span."""
+    shortest = np.full(1, math.inf)
+    for t, x in tables:
+        count, acts = x.shape[1], np.zeros((max(len(t), len(x)), x.shape[1] + 2), dtype=bool)
+        acts[:, 1:-1] = np.any(x.reshape(len(x), count, -1), axis=2)
+        changes = np.flatnonzero(acts[:, 1:] != acts[:, :-1])  # in each row a load begins and ends in turn
+        rows, first = np.divmod(changes[::2], count + 1)
+        first, last = np.maximum(first - 1, 0), np.minimum(changes[1::2] % (count + 1), count - 1)
+        begin, end = (t[rows if len(t) > 1 else 0, at] for at in (first, last))
+        acting = (begin < t_span[1]) & (end > t_span[0])
+        each = np.full(len(acts), math.inf)
+        np.minimum.at(each, rows[acting], (end - begin)[acting])
+        shortest = np.minimum(shortest, each)
+    return shortest
+
+
+def jumps(h: float, load: float) -> bool:
+    """Return whether a fixed step may jump over a load of some duration."""
+    return h > load / 2 * (1 + _ROUND_OFF)
+
+
+def jump_note(h: float, load: float, whose: str = "") -> str:
+    """Return the note about a step that may jump over a load of some duration."""
+    return (
+        f"h = {h:.4g}{whose} is longer than half of the shortest load of a record, which acts for {load:.4g}: a step "
+        f"may jump over it. Take h up to {load / 2:.4g}, or rtol."
+    )
