@@ -183,7 +183,7 @@ def ensemble(
             first_order=first_order,
             labels=labels,
         )
-        options = of_members(rhs, members, options)
+        members, options = ready(rhs, members, options)
     except TypeError as error:
         raise with_lengths(error, named_params, len(members)) from error
     own = cores() if threads is None else check_count(threads, "threads")
@@ -209,12 +209,15 @@ def ensemble(
     return run_in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)
 
 
-def of_members(rhs: Any, members: Members, options: RunOptions) -> RunOptions:
-    """Return the options of members with the method of their runs, after all checks of a single run."""
+def ready(rhs: Any, members: Members, options: RunOptions) -> tuple[Members, RunOptions]:
+    """Return members and their options with the method of their runs, after all checks of a single run."""
     times, prepared = check_times(options.t_eval, *members.t_span), Prepared(rhs, members.form, options)
-    for i in range(len(members) if prepared.has_rules else 0):
-        prepared.check_rules(f"member {members.first + i}", members.t_span, *members.start(i))
-    return prepared.options._replace(t_eval=times)
+    if prepared.has_rules:
+        members = members.from_starts(
+            prepared.behind_no_event(f"member {members.first + i}", members.t_span, *members.start(i))
+            for i in range(len(members))
+        )
+    return members, prepared.options._replace(t_eval=times)
 
 
 def _refuse_parallel(rhs: Any) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -89,6 +89,11 @@ class Members:
         """Return u0, v0 and the parameters of member i."""
         u, v = (float(x[i, 0]) if self.form is SCALAR else x[i] for x in (self.u0, self.v0))
         return u, v, self.params[i] if self.has_own_params else self.params
+
+    def from_starts(self, starts: Iterable[tuple[np.ndarray, np.ndarray]]) -> Members:
+        """Return the members with other u0 and v0, of the vector form."""
+        u0, v0 = map(np.array, zip(*starts, strict=True))
+        return replace(self, u0=u0, v0=v0)
 
     def until(self, t_end: float) -> Members:
         """Return the members with a later end, and with the same steps.

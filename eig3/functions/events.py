@@ -77,23 +77,24 @@ class EffectEvent(Event):
         What must hold at the start of a run, in an error; empty if the start may lie behind the event.
     turns : bool
         Whether the event is the turn of a link that yields. Then only a start beyond yield with a velocity back breaks
-        the rule.
+        the rule. Without a rule, such a link turns at the start.
     """
 
     rule: str = ""
     turns: bool = False
 
     def is_missed(self, g: Any, n: int, span: tuple[float, float], u: np.ndarray, v: np.ndarray, p: np.ndarray) -> bool:
-        """Return whether a start with n velocities breaks the rule: it lies at the event or behind it.
+        """Return whether a start with n velocities lies at the event or behind it.
 
         A run may begin where another one has bounced: the motion then leaves the event at once.
         """
         if not self.direction * g(span[0], u, v, p) >= 0:
             return False
-        if self.turns:  # within yield, the sign does not depend on the velocity
-            return bool(self.direction * g(span[0], u, np.concatenate([-v[:n], v[n:]]), p) < 0)
         soon = _AT_ONCE * (span[1] - span[0])
-        return not self.direction * g(span[0] + soon, u + soon * v, v, p) < 0
+        if self.direction * g(span[0] + soon, u + soon * v, v, p) < 0:
+            return False
+        # within yield, the sign does not depend on the velocity
+        return not self.turns or bool(self.direction * g(span[0], u, np.concatenate([-v[:n], v[n:]]), p) < 0)
 
 
 @dataclass(frozen=True, eq=False)

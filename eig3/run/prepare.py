@@ -77,8 +77,8 @@ class Prepared:
         self.options = options
         self._system: System = remembered(rhs, form, options)
         pairs = zip(options.events.items(), self._system.event_callbacks, strict=True)
-        of_effects = ((name, event, g.call) for (name, event), (g, _) in pairs if isinstance(event, EffectEvent))
-        self._rules = [each for each in of_effects if each[1].rule]
+        of_effects = [each for each in pairs if isinstance(each[0][1], EffectEvent)]
+        self._rules = [(name, event, *of) for (name, event), of in of_effects if event.rule or event.turns]
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
 
@@ -151,9 +151,8 @@ class Prepared:
             given, params = params, in_layout(self.options.layout, params)
             if self._params_check and given is not self._defaults[3]:
                 self._params_check(params)
-        start = check_span(span), u, v, guarded(check_params(params))
-        if self._rules:
-            self.check_rules("the start", *start)
+        span, p = check_span(span), guarded(check_params(params))
+        start = span, *(self.behind_no_event("the start", span, u, v, p) if self._rules else (u, v)), p
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
         solution = self._if_short(*start) if is_plain else None
         solution = solution or carry_out(partial(self._begin, *start, progress, save_to), cancel, raise_on_failure)
@@ -174,12 +173,22 @@ class Prepared:
         """Whether an event has a rule for the start."""
         return bool(self._rules)
 
-    def check_rules(self, who: str, *start: Any) -> None:
-        """Raise a ValueError if a start lies behind an event of an effect that would then never occur."""
-        n = np.size(start[1]) - self._system.first_order.size
-        for name, event, g in self._rules:
-            if event.is_missed(g, n, *start):
-                raise ValueError(f"{event.rule}, but {who} lies behind {name!r}: change u0, v0, t_span or params.")
+    def behind_no_event(self, who: str, span: tuple[float, float], u: Any, v: Any, p: np.ndarray) -> tuple[Any, Any]:
+        """Return u and v of a start, with the turns of links that move back at once.
+
+        Raises
+        ------
+        ValueError
+            If the start lies behind an event of an effect that would then never occur.
+        """
+        n = np.size(u) - self._system.first_order.size
+        for name, event, g, apply in self._rules:
+            if event.is_missed(g.call, n, span, u, v, p):
+                if event.rule:
+                    raise ValueError(f"{event.rule}, but {who} lies behind {name!r}: change u0, v0, t_span or params.")
+                u, v = u.copy(), v.copy()
+                apply.call(span[0], u, v, p)
+        return u, v
 
     def at_start(self, span: tuple[float, float], u: Any, v: Any, params: np.ndarray) -> March:
         """Return a stepper at a checked start, after the checks of the right-hand side and the method."""
