@@ -32,6 +32,7 @@ from ..stepping.stepper import Stepper
 from .linearisation import Linearised, linearise
 
 _COMMUTING = 1e-5  # K and C share modes if a common eigenvector leaves a residual below this, relative to their norms
+_COMPLEX = 1e-2  # slow modes of a projected system can have such imaginary parts, relative to its norm
 _RIGID = 1e-7  # rates below this fraction of the largest are errors of the differences: a rigid-body mode
 _RIGID_PROJECTED = 1e-6  # as _RIGID, for a projected system, whose differences have more round-off
 _ROUND_OFF = 1e-8  # round-off in the eigenvalues of the step of one oscillator
@@ -271,7 +272,7 @@ def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
     left_k = np.abs(K @ shapes - k * shapes).max() / norm_k
     left_c = np.abs(C @ shapes - c * shapes).max() / norm_c
     imaginary = max(np.abs(k.imag).max() / norm_k, np.abs(c.imag).max() / norm_c)
-    if max(left_k, left_c, imaginary) > _COMMUTING:
+    if max(left_k, left_c) > _COMMUTING or imaginary > (_COMMUTING if system.is_complete else _COMPLEX):
         return None
     k, c = k.real, c.real
     rigid = _RIGID if system.is_complete else _RIGID_PROJECTED
