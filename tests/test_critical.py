@@ -2,6 +2,7 @@
 
 import math
 import re
+from itertools import product
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from eig3.planning.pilots import Pilots, Run
 from eig3.planning.step_search import Search
 from eig3.scene import Scene
 from eig3.stability import alternating_limit, limit, practical_limit
+from eig3.structures import Frame, Section
 
 from .conftest import hardening, oscillator, oscillator_vector, structure
 
@@ -876,3 +878,32 @@ def test_the_units_do_not_matter(length, time):
         return scene.problem((0, time)).critical_step().h / time
 
     assert step(length, time) == pytest.approx(step(1.0, 1.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("storeys", [1, 12])
+@pytest.mark.parametrize(("length", "part"), [(1e-9, 1e-10), (1.0, 1e-10), (1e9, 0.0), (1e9, 1e-10)])
+def test_a_frame_has_its_step_in_all_units_and_at_small_displacements(storeys, length, part):
+    """Displacements of a small part of the lengths hardly stiffen a frame. Differences have a round-off of 1e-6. Large
+    frames have angles and lengths in one projection."""
+
+    def columns(length, corotational):
+        frame = Frame()
+        section = Section(E=2e11 / length, A=1e-2 * length**2, I=1e-4 * length**4, density=8e3 / length**3)
+        for level, line in product(range(storeys + 1), range(2)):
+            frame.node(f"{level} {line}", 3 * line * length, 3 * level * length)
+            if level:
+                frame.mass(f"{level} {line}", 1e4)
+                frame.member(f"{level - 1} {line}", f"{level} {line}", section)
+            else:
+                frame.support(f"{level} {line}", "ux uy rz")
+            if level and line:
+                frame.member(f"{level} 0", f"{level} 1", section)
+        return frame.problem((0, 1), corotational=corotational)
+
+    expected = columns(1.0, False).critical_step(method="cd").limit
+    moved = columns(length, True)
+    units = np.where([".r" in name for name in moved.labels.names], 1.0, length)
+    shape = np.random.default_rng(0).standard_normal(len(units))
+    found = moved.with_(u0=part * units * shape).critical_step(method="cd")
+    assert found.limit == pytest.approx(expected, rel=1e-6)
+    assert columns(length, False).critical_step(method="cd").limit == pytest.approx(expected, rel=1e-6)
