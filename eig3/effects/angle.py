@@ -55,5 +55,5 @@ class Angle(Cell):
         super().check_points(masses, positions, columns)
         first, middle, last = positions
         for end, point in (("first", first), ("last", last)):
-            same = (point == middle).all(axis=-1)
-            self.refuse_cells(same, f"has no angle where the {end} of its points is at the middle one", "put them apart")
+            what = f"has no angle where the {end} of its points is at the middle one"
+            self.refuse_cells((point == middle).all(axis=-1), what, "put them apart")

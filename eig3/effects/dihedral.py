@@ -8,7 +8,6 @@ from ..kernels.compile.jit import element
 from ..scene.cell import Cell, offers_of
 from .vector import add, dot, norm, scale, subtract, turn
 
-
 _IN_LINE = 1e-12  # the sine of an angle that is round-off
 
 
