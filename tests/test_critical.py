@@ -15,6 +15,7 @@ from eig3.diagnosis.critical import _sees_rates, critical, longest_stable_step
 from eig3.diagnosis.linearisation import Linearised
 from eig3.effects import (
     Coulomb,
+    Gap,
     GiuffreMenegottoPinto,
     Gravity,
     HertzContact,
@@ -907,3 +908,15 @@ def test_a_frame_has_its_step_in_all_units_and_at_small_displacements(storeys, l
     found = moved.with_(u0=part * units * shape).critical_step(method="cd")
     assert found.limit == pytest.approx(expected, rel=1e-6)
     assert columns(length, False).critical_step(method="cd").limit == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["eig3", "rk4"])
+def test_the_work_does_not_matter_in_units_of_planets(method):
+    """Nothing depends on the work, whose rate in J/s is far above the other rates."""
+    found = []
+    for length, time, mass in ((1.0, 1.0, 1.0), (1e9, 1e5, 1e21)):
+        links = [(Gap(500.0 * mass / time**2, 0.1 * length), None, 0)]
+        given = {"t_span": (0, time), "u0": [0.2 * length], "v0": [0.5 * length / time], "work": True}
+        problem = eig3.linear([mass], [[0.3 * mass / time]], None, links=links, **given)
+        found.append(critical_step(problem.rhs, *problem.start, problem.params, method=method).limit / time)
+    assert found[1] == pytest.approx(found[0], rel=1e-6)

@@ -229,15 +229,17 @@ def _all_directions(
 
 
 def _balanced(K: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return K and C without the unknowns on which no force acts, and with others in units that suit their coupling.
+    """Return K and C without unknowns on which no force acts or which cause none, and with others in suitable units.
 
-    Neither changes a rate, apart from zeros: such unknowns are the states of links, which change only at events. Units
-    may differ by many powers of ten, as of lengths and rates of atoms in SI units.
+    Neither changes a rate, apart from zeros: such unknowns are the states of links, which change only at events, and
+    integrals such as the work. Units may differ by many powers of ten, as of lengths and rates of atoms in SI units.
     """
-    acts = K.any(axis=1) | C.any(axis=1)
-    if not acts.any():
-        return K, C
-    K, C = K[np.ix_(acts, acts)], C[np.ix_(acts, acts)]
+    coupled = np.zeros(len(K), dtype=bool)
+    while not coupled.all():
+        coupled = (K.any(axis=1) | C.any(axis=1)) & (K.any(axis=0) | C.any(axis=0))
+        if not coupled.any():
+            return np.zeros((1, 1)), np.zeros((1, 1))
+        K, C = K[np.ix_(coupled, coupled)], C[np.ix_(coupled, coupled)]
     sizes = np.abs(K) / (np.abs(K).max() or 1.0) + np.abs(C) / (np.abs(C).max() or 1.0)
     np.fill_diagonal(sizes, 0.0)
     units = np.ones(len(K))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.callbacks import check_callback, form_of
+from ..functions.callbacks import Callback, check_callback, form_of
 from ..functions.checks import check_flag, check_params, check_resolution, check_span, check_state, shown
 from ..functions.events import EffectEvent
 from ..functions.first_order import check_z0
@@ -77,8 +77,11 @@ class Prepared:
         self.options = options
         self._system: System = remembered(rhs, form, options)
         pairs = zip(options.events.items(), self._system.event_callbacks, strict=True)
-        of_effects = [each for each in pairs if isinstance(each[0][1], EffectEvent)]
-        self._rules = [(name, event, *of) for (name, event), of in of_effects if event.rule or event.turns]
+        self._rules: list[tuple[str, EffectEvent, Callback, Any]] = [
+            (name, event, g, apply)
+            for (name, event), (g, apply) in pairs
+            if isinstance(event, EffectEvent) and (event.rule or event.turns)
+        ]
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
 
