@@ -14,6 +14,7 @@ from eig3 import NoCriticalStepError, critical_step, problems
 from eig3.diagnosis.critical import _sees_rates, critical, longest_stable_step
 from eig3.diagnosis.linearisation import Linearised
 from eig3.effects import (
+    BoucWen,
     Coulomb,
     Gap,
     GiuffreMenegottoPinto,
@@ -920,3 +921,16 @@ def test_the_work_does_not_matter_in_units_of_planets(method):
         problem = eig3.linear([mass], [[0.3 * mass / time]], None, links=links, **given)
         found.append(critical_step(problem.rhs, *problem.start, problem.params, method=method).limit / time)
     assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
+@pytest.mark.parametrize(("length", "time"), [(1e-6, 1e-6), (1e-9, 1e-12), (1e9, 1e5)])
+def test_a_state_at_zero_has_another_unit_than_velocities(length, time):
+    """A hysteretic stretch, whose yield is far below any velocity. Its differences see some of the yield: to 1e-4."""
+
+    def step(length, time):
+        law = BoucWen(40.0 / time**2, 0.05 * length, 0.1, 2.0)
+        given = {"t_span": (0, time), "u0": [0.02 * length], "v0": [0.5 * length / time]}
+        problem = eig3.linear([1.0], [[0.3 / time]], None, links=[(law, None, 0)], **given)
+        return problem.critical_step(method="rk4").h / time
+
+    assert step(length, time) == pytest.approx(step(1.0, 1.0), rel=1e-3)

@@ -23,6 +23,7 @@ _STRAIGHT = 1e-2  # rhs is straight over an increment if two quotients differ by
 _ROUND_OFF = 1e-6  # relative round-off of products by differences
 _BALANCINGS = 10  # of all unknowns
 _BALANCED = 10  # powers of 2 by which the unit of an unknown may differ from the best one
+_SMALLER_UNIT = 2.0**-15  # an acceleration below this fraction of the largest one shows another unit
 _UNEVEN = 2.0**10  # units of the unknowns are changed if a product is then smaller by this factor
 _FAINT = 1e-9  # of the largest rate: such a product with a random vector is from squares of v, which damp nothing
 _UNDAMPED = 1e-6  # damping ratio below which a system counts as undamped
@@ -69,6 +70,9 @@ class _Derivative:
         self._f, self._x, self._a, self._scale = f, x, a, scale
         self._noise = _TELLING * terms
         self.size = x.size
+        # a state of a link at 0 may have a unit that is much smaller than the unit of velocities
+        own = scale * np.abs(a) / (terms or 1.0)
+        self.natural = np.where(own < _SMALLER_UNIT * scale, own, 0.0)
 
     def __call__(self, w: np.ndarray, increment: float) -> np.ndarray:
         """Return the product on the stiffer side. The sides differ at a kink, such as the beginning of a contact."""
@@ -222,8 +226,10 @@ def _all_directions(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the full K and C. Each column has a separate increment, because u may contain lengths and angles."""
     units = np.eye(u.size)
+    sizes = np.abs(u), np.where(v == 0, by_v.natural, np.abs(v))
     K, C = (
-        np.transpose([d.column(w, abs(float(x[j]))) for j, w in enumerate(units)]) for d, x in ((by_u, u), (by_v, v))
+        np.transpose([d.column(w, float(x[j])) for j, w in enumerate(units)])
+        for d, x in zip((by_u, by_v), sizes, strict=True)
     )
     return K, C
 
