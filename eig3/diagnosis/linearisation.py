@@ -240,7 +240,7 @@ def _balanced(K: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Neither changes a rate, apart from zeros: such unknowns are the states of links, which change only at events, and
     integrals such as the work. Units may differ by many powers of ten, as of lengths and rates of atoms in SI units.
     """
-    coupled = np.zeros(len(K), dtype=bool)
+    coupled: Any = np.zeros(len(K), dtype=bool)
     while not coupled.all():
         coupled = (K.any(axis=1) | C.any(axis=1)) & (K.any(axis=0) | C.any(axis=0))
         if not coupled.any():
