@@ -283,7 +283,7 @@ def first_above(
 ) -> tuple[float, float]:
     """The last x before ``excess(x)`` first exceeds `tolerance` and the first x after; both infinite if it never does.
 
-    They differ by `accuracy`, relatively if they are below 1.
+    They differ by `accuracy`, relatively if they are below 1, or by round-off.
     """
     stable = 0.0
     for block in blocks:
@@ -295,7 +295,7 @@ def first_above(
         return math.inf, math.inf
     first = int(unstable[0])
     low, high = float(block[first - 1]) if first else stable, float(block[first])
-    while high - low > accuracy * min(1.0, high):
+    while high - low > max(accuracy * min(1.0, high), 2 * np.spacing(high)):
         middle = (low + high) / 2
         low, high = (low, middle) if excess(np.array([middle]))[0] > tolerance else (middle, high)
     return low, high

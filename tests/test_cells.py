@@ -536,6 +536,15 @@ BAD_VALUES = {
     "HingeBending has a triangle without area at rest in cell 0: move a corner": lambda: (scene := Scene(3)).add(
         HingeBending(1.0), *scene.mass(1.0, CHAIN[[1, 1, 2, 3]])
     ),
+    "HarmonicAngle has no angle where the first of its points is at the middle one in cell 0: put": lambda: (
+        scene := Scene(3)
+    ).add(HarmonicAngle(1.0, 1.0), *scene.mass(1.0, CHAIN[[1, 1, 2]])),
+    "HarmonicAngle has no angle where the last of its points is at the middle one in cell 0: put": lambda: (
+        scene := Scene(2)
+    ).add(HarmonicAngle(1.0, 1.0), *scene.mass(1.0, CHAIN[[0, 1, 1], :2])),
+    "RyckaertBellemans has no angle where the last three of its points are in line in cell 0: move": lambda: (
+        scene := Scene(3)
+    ).add(RyckaertBellemans([1.0] * 6), *scene.mass(1.0, [*CHAIN[:2], 0.7 * CHAIN[1] + 0.3 * CHAIN[2], CHAIN[2]])),
 }
 BAD_TYPES = {
     "cells must be integers": lambda: meshed(cells=[(0.0, 1.0, 2.0)]),

@@ -2,6 +2,7 @@
 
 import math
 import re
+from itertools import product
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from eig3 import NoCriticalStepError, critical_step, problems
 from eig3.diagnosis.critical import _sees_rates, critical, longest_stable_step
 from eig3.diagnosis.linearisation import Linearised
 from eig3.effects import (
+    BoucWen,
     Coulomb,
+    Gap,
     GiuffreMenegottoPinto,
     Gravity,
     HertzContact,
@@ -27,6 +30,7 @@ from eig3.planning.pilots import Pilots, Run
 from eig3.planning.step_search import Search
 from eig3.scene import Scene
 from eig3.stability import alternating_limit, limit, practical_limit
+from eig3.structures import Frame, Section
 
 from .conftest import hardening, oscillator, oscillator_vector, structure
 
@@ -876,3 +880,57 @@ def test_the_units_do_not_matter(length, time):
         return scene.problem((0, time)).critical_step().h / time
 
     assert step(length, time) == pytest.approx(step(1.0, 1.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("storeys", [1, 12])
+@pytest.mark.parametrize(("length", "part"), [(1e-9, 1e-10), (1.0, 1e-10), (1e9, 0.0), (1e9, 1e-10)])
+def test_a_frame_has_its_step_in_all_units_and_at_small_displacements(storeys, length, part):
+    """Displacements of a small part of the lengths hardly stiffen a frame. Differences have a round-off of 1e-6. Large
+    frames have angles and lengths in one projection."""
+
+    def columns(length, corotational):
+        frame = Frame()
+        section = Section(E=2e11 / length, A=1e-2 * length**2, I=1e-4 * length**4, density=8e3 / length**3)
+        for level, line in product(range(storeys + 1), range(2)):
+            frame.node(f"{level} {line}", 3 * line * length, 3 * level * length)
+            if level:
+                frame.mass(f"{level} {line}", 1e4)
+                frame.member(f"{level - 1} {line}", f"{level} {line}", section)
+            else:
+                frame.support(f"{level} {line}", "ux uy rz")
+            if level and line:
+                frame.member(f"{level} 0", f"{level} 1", section)
+        return frame.problem((0, 1), corotational=corotational)
+
+    expected = columns(1.0, False).critical_step(method="cd").limit
+    moved = columns(length, True)
+    units = np.where([".r" in name for name in moved.labels.names], 1.0, length)
+    shape = np.random.default_rng(0).standard_normal(len(units))
+    found = moved.with_(u0=part * units * shape).critical_step(method="cd")
+    assert found.limit == pytest.approx(expected, rel=1e-6)
+    assert columns(length, False).critical_step(method="cd").limit == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["eig3", "rk4"])
+def test_the_work_does_not_matter_in_units_of_planets(method):
+    """Nothing depends on the work, whose rate in J/s is far above the other rates."""
+    found = []
+    for length, time, mass in ((1.0, 1.0, 1.0), (1e9, 1e5, 1e21)):
+        links = [(Gap(500.0 * mass / time**2, 0.1 * length), None, 0)]
+        given = {"t_span": (0, time), "u0": [0.2 * length], "v0": [0.5 * length / time], "work": True}
+        problem = eig3.linear([mass], [[0.3 * mass / time]], None, links=links, **given)
+        found.append(critical_step(problem.rhs, *problem.start, problem.params, method=method).limit / time)
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
+@pytest.mark.parametrize(("length", "time"), [(1e-6, 1e-6), (1e-9, 1e-12), (1e9, 1e5)])
+def test_a_state_at_zero_has_another_unit_than_velocities(length, time):
+    """A hysteretic stretch, whose yield is far below any velocity. Its differences see some of the yield: to 1e-4."""
+
+    def step(length, time):
+        law = BoucWen(40.0 / time**2, 0.05 * length, 0.1, 2.0)
+        given = {"t_span": (0, time), "u0": [0.02 * length], "v0": [0.5 * length / time]}
+        problem = eig3.linear([1.0], [[0.3 / time]], None, links=[(law, None, 0)], **given)
+        return problem.critical_step(method="rk4").h / time
+
+    assert step(length, time) == pytest.approx(step(1.0, 1.0), rel=1e-3)

@@ -205,3 +205,19 @@ def test_members_that_start_as_the_same_linear_system_search_its_critical_step_o
     assert len(searched) == 3 + 1
     alone = [problem.with_(v0=v0).integrate(h=2.1) for v0 in speeds]
     assert [str(message) for message in members.message] == [blown_up(run).message for run in alone]
+
+
+def test_a_load_after_rest_is_no_growth_by_the_step(monkeypatch):
+    """EIG-3 is unstable at every step with gyroscopic forces, here by less than 1e-5 a step. In 300 steps, this cannot
+    make a motion grow 10 000 times, so that no critical step is searched."""
+    from eig3.diagnosis import divergence
+
+    searched, search = [], divergence.of_linear
+    monkeypatch.setattr(divergence, "of_linear", lambda system, method: searched.append(0) or search(system, method))
+    loads = np.array([0.0, 30.0, 31.0, 90.0]), np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 1.0], [1.0, 1.0]])
+    turning = eig3.linear(
+        np.ones(2), [[0.0, 0.5], [-0.5, 0.0]], np.diag([1.0, 2.0]), t_span=(0, 90), u0=[1e-9, 0.0], force=loads
+    )
+    run = turning.integrate(h=0.3)
+    assert (run.success, searched) == (True, [])
+    assert np.abs(run.u).max() > 0.5

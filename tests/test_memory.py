@@ -502,3 +502,18 @@ def test_a_start_beyond_yield_that_moves_back_is_refused(law, way):
         z = {name: values[k] for name, values in run.z.items()}
         rest = motion.with_(u0=run.u[k], v0=run.v[k], z0=z, t_span=(run.t[k], 3.0)).integrate(rtol=1e-9)
         np.testing.assert_allclose(rest.u[-1], run.u[-1], rtol=0, atol=1e-7)  # a hundred times the tolerance
+
+
+@pytest.mark.parametrize("start", [0.05, 0.2, -0.2])
+@pytest.mark.parametrize("law", [partial(GiuffreMenegottoPinto, R0=5.0), SHIFTED])
+def test_steel_that_moves_back_at_the_start_turns_there(law, start):
+    """From rest, it turns at an event. The displacements depend continuously on the velocity at the start."""
+    links = [(law(100.0, 10.0, 0.1), None, 0)]
+    motion = eig3.linear([1.0], None, None, t_span=(0, 3), u0=[start], v0=[0.0], links=links)
+    rest = motion.integrate(rtol=1e-10, t_eval=np.linspace(0, 3, 50))
+    v0 = np.array([[-1e-8], [1e-8]]) * np.sign(start)
+    alone = motion.with_(v0=v0[0]).integrate(rtol=1e-10, t_eval=rest.t)
+    members = motion.ensemble(v0=v0, rtol=1e-10, t_eval=rest.t)
+    for u in (alone.u, *members.u):
+        np.testing.assert_allclose(u, rest.u, rtol=0, atol=3e-8)  # the velocity times 3 s
+    assert len(alone.events["giuffre menegotto pinto 0"]) == len(rest.events["giuffre menegotto pinto 0"]) - 1

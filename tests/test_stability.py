@@ -15,6 +15,7 @@ from eig3.stability import (
     damping_ratio,
     eigenvalues,
     explain,
+    first_above,
     is_stable,
     limit,
     period_error,
@@ -551,3 +552,15 @@ def test_a_users_method_is_explained_in_words(symplectic_euler):
     s, d = 0.49, 0.14
     expected = [[1 - s, 1 - d], [-s, 1 - d]]
     np.testing.assert_allclose(amplification_matrix(symplectic_euler(), 0.7, 0.1), expected, atol=4 * EPS)
+
+
+def test_a_search_ends_where_round_off_is_above_its_accuracy():
+    """Of 1e-10, as for a spring beside a damper that is 1e9 times as fast. Each evaluation halves the interval."""
+    evaluations, exact = iter(range(64)), 1e9 / 3
+
+    def excess(x):
+        next(evaluations)
+        return x - exact
+
+    low, high = first_above(excess, 0.0, blocks=[np.array([1.0, 1e9])])
+    assert low <= exact <= high <= low + 2 * np.spacing(high)

@@ -32,6 +32,7 @@ from ..stepping.stepper import Stepper
 from .linearisation import Linearised, linearise
 
 _COMMUTING = 1e-5  # K and C share modes if a common eigenvector leaves a residual below this, relative to their norms
+_COMPLEX = 1e-2  # slow modes of a projected system can have such imaginary parts, relative to its norm
 _RIGID = 1e-7  # rates below this fraction of the largest are errors of the differences: a rigid-body mode
 _RIGID_PROJECTED = 1e-6  # as _RIGID, for a projected system, whose differences have more round-off
 _ROUND_OFF = 1e-8  # round-off in the eigenvalues of the step of one oscillator
@@ -229,18 +230,29 @@ def longest_stable_step(method: Method, system: Linearised, growth: float = 0.0)
     The limit is 0 if the method is unstable at every step, and infinite if nothing limits the step. With a `growth`,
     steps with at most this growth a step count as stable.
     """
-    rates = system.rates()
-    if not rates.any():
+    if not system.rates().any():
         return math.inf, 0.0, 0.0
+    method, system, modes = _decoupled(method, system)
+    limit, k, c = _coupled_limit(method, system, growth) if modes is None else _modal_limit(method, *modes, growth)
+    return limit, *_frequency(k, c)
+
+
+def _decoupled(method: Method, system: Linearised) -> tuple[Method, Linearised, tuple[np.ndarray, np.ndarray] | None]:
+    """Return a method with an equal step, and k and c of the modes; or else None and a projected system."""
     if not system.C.any():
         method = method.without_velocity()  # an equal step, without a solve
     modes = _modes(system)
     if modes is None and not method.is_implicit and _sees_rates(method):
-        modes = _oscillators_of(rates)
-    if modes is None:
-        system = system.fastest(_directions(method))
-    limit, k, c = _coupled_limit(method, system, growth) if modes is None else _modal_limit(method, *modes, growth)
-    return limit, *_frequency(k, c)
+        modes = _oscillators_of(system.rates())
+    return method, system if modes else system.fastest(_directions(method)), modes
+
+
+def growth_by_step(method: Method, system: Linearised, h: float) -> float:
+    """Return the numerical growth in one step h, which takes much less time than the longest stable step."""
+    method, system, modes = _decoupled(method, system)
+    if modes:
+        return float(_growth_of_modes(method, *modes, np.array([h])).max())
+    return float(_growth(_step_matrix(method, system, h), h, system.rates()))
 
 
 def _directions(method: Method) -> int:
@@ -271,7 +283,7 @@ def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
     left_k = np.abs(K @ shapes - k * shapes).max() / norm_k
     left_c = np.abs(C @ shapes - c * shapes).max() / norm_c
     imaginary = max(np.abs(k.imag).max() / norm_k, np.abs(c.imag).max() / norm_c)
-    if max(left_k, left_c, imaginary) > _COMMUTING:
+    if max(left_k, left_c) > _COMMUTING or imaginary > (_COMMUTING if system.is_complete else _COMPLEX):
         return None
     k, c = k.real, c.real
     rigid = _RIGID if system.is_complete else _RIGID_PROJECTED
@@ -286,13 +298,7 @@ def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray, allowed: float) -
     k, c = k / scale / scale, c / scale
     moving = (k != 0) | (c != 0)
     k, c = k[moving], c[moving]
-    root = np.sqrt((c * c / 4 - k).astype(complex))
-    rates = np.stack([-c / 2 + root, -c / 2 - root], axis=-1)
-
-    def growth(h: np.ndarray) -> np.ndarray:
-        h = h[:, None]
-        return _growth(oscillator_matrices(method, h * h * k, h * c), h, rates)
-
+    growth = functools.partial(_growth_of_modes, method, k, c)
     slowest = float(np.where(k != 0, np.sqrt(np.abs(k)), np.abs(c)).min())
     steps = _geometric(_SHORTEST, _LONGEST / slowest, _FINE)
     if not c.any() and k.max() > 0:  # BM6 is unstable only in a short interval
@@ -313,6 +319,13 @@ def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray, allowed: float) -
     first = np.argmax(grown.max(axis=1) > 2 * _ROUND_OFF)  # at later steps, another mode may grow faster
     limiting = int(np.argmax(grown[first]))
     return limit / scale, float(k[limiting]) * scale * scale, float(c[limiting]) * scale
+
+
+def _growth_of_modes(method: Method, k: np.ndarray, c: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """The numerical growth in one step, shape (steps, modes)."""
+    root = np.sqrt((c * c / 4 - k).astype(complex))
+    rates, h = np.stack([-c / 2 + root, -c / 2 - root], axis=-1), h[:, None]
+    return _growth(oscillator_matrices(method, h * h * k, h * c), h, rates)
 
 
 def _geometric(first: float, last: float, ratio: float) -> np.ndarray:

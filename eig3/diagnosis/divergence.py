@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..stepping.stepper import Stepper
-from .critical import CriticalStep, NoStableStepError, of_linear
+from .critical import CriticalStep, NoStableStepError, growth_by_step, of_linear
 from .linearisation import linearise
 from .singular_position import AT_SINGULAR, is_singular, ways_past
 
@@ -184,6 +184,8 @@ def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
     """
     start = stepper.restarted(stepper.h)
     sane = last_sane(before, stepper.index, start)
+    if all(stepper.index * _growth_by_step(at) < 1 for at in (start, sane)):
+        return None
     steps, unstable = _critical_steps(start, sane)
     limits = [step.limit for _, step in steps]
     growth = _size(stepper) / (_size(start) or 1.0)
@@ -195,6 +197,16 @@ def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
     if not guilty or (limits and _grows_anyway(stepper, _SAFETY * min(limits))):
         return None
     return BlowUp(stepper, growth, sane.t, _comparison(stepper, steps) or unstable, limits)
+
+
+def _growth_by_step(stepper: Stepper) -> float:
+    """Return the numerical growth in a step of the linearised system, or infinity if it is unknown."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            system = linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v)
+            return growth_by_step(stepper.method, system, stepper.h)
+    except Exception:  # rhs overflows or fails close to this state
+        return math.inf
 
 
 def _grows_anyway(stepper: Stepper, h: float) -> bool:

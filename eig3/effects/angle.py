@@ -50,3 +50,10 @@ class Angle(Cell):
     offers = offers_of(variable, conjugate)
     needs = (conjugate,)
     value, rate, forces = angle, angular_rate, turned
+
+    def check_points(self, masses, positions, columns):
+        super().check_points(masses, positions, columns)
+        first, middle, last = positions
+        for end, point in (("first", first), ("last", last)):
+            what = f"has no angle where the {end} of its points is at the middle one"
+            self.refuse_cells((point == middle).all(axis=-1), what, "put them apart")

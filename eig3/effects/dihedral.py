@@ -2,9 +2,13 @@
 
 import math
 
+import numpy as np
+
 from ..kernels.compile.jit import element
 from ..scene.cell import Cell, offers_of
 from .vector import add, dot, norm, scale, subtract, turn
+
+_IN_LINE = 1e-12  # the sine of an angle that is round-off
 
 
 @element
@@ -59,3 +63,10 @@ class Dihedral(Cell):
     offers = offers_of(variable, conjugate)
     needs = (conjugate,)
     value, rate, forces = dihedral_angle, twist_rate, twisted
+
+    def check_points(self, masses, positions, columns):
+        super().check_points(masses, positions, columns)
+        for which, (a, b, c) in (("first", positions[:3]), ("last", positions[1:])):
+            normal, sizes = np.cross(b - a, c - b), np.linalg.norm(b - a, axis=-1) * np.linalg.norm(c - b, axis=-1)
+            in_line = np.linalg.norm(normal, axis=-1) <= _IN_LINE * sizes
+            self.refuse_cells(in_line, f"has no angle where the {which} three of its points are in line", "move one")

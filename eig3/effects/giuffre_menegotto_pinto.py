@@ -81,9 +81,10 @@ class GiuffreMenegottoPinto(Link):
     d^0.8), where d is the range of the stretch so far, in units of 2 a4 yield_force / stiffness; and with a1 and a2 at
     a turn towards compression.
 
-    The link turns at an event: ``solution.events["giuffre menegotto pinto 0"]`` has the times and states. The state has
-    six numbers: the turn, the corner, and by how much the largest and the smallest stretch exceeded the yield stretch.
-    EIG-3 keeps its second order with a fixed step, and tolerances hold.
+    A stretched link that moves back at the start turns there. Later turns are events: ``solution.events["giuffre
+    menegotto pinto 0"]`` has the times and states. The state has six numbers: the turn, the corner, and by how much the
+    largest and the smallest stretch exceeded the yield stretch. EIG-3 keeps its second order with a fixed step, and
+    tolerances hold.
 
     Parameters
     ----------
@@ -126,6 +127,7 @@ class GiuffreMenegottoPinto(Link):
 
     nonnegative = ("cR1", "cR2", "a1", "a3")
     crossing = 1
+    turns = True
     state_size = 6
     source = "Menegotto and Pinto, IABSE Symposium on Resistance and Ultimate Deformability (1973) 15"
     picture = "spring"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from os import PathLike
 from typing import Any
 
@@ -184,7 +185,7 @@ def ensemble(
             first_order=first_order,
             labels=labels,
         )
-        options = of_members(rhs, members, options)
+        members, options = ready(rhs, members, options)
     except TypeError as error:
         raise with_lengths(error, named_params, len(members)) from error
     own = cores() if threads is None else check_count(threads, "threads")
@@ -210,14 +211,15 @@ def ensemble(
     return run_in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)
 
 
-def of_members(rhs: Any, members: Members, options: RunOptions) -> RunOptions:
-    """Return the options of members with the method of their runs, after all checks of a single run."""
-    n, given = members.n - options.first_order.size, (members.u0, members.v0, members.params)
+def ready(rhs: Any, members: Members, options: RunOptions) -> tuple[Members, RunOptions]:
+    """Return members and their options with the method of their runs, after all checks of a single run."""
+    n, starts = members.n - options.first_order.size, (members.u0, members.v0, members.params)
     check_together(rhs, members.params, members.own, n)
     times, prepared = check_times(options.t_eval, *members.t_span), Prepared(rhs, members.form, options)
     if prepared.rules:
-        prepared.rules.check(n, members.t_span, *given, members.first)
-    return prepared.options._replace(t_eval=times)
+        u0, v0 = prepared.rules.starts(n, members.t_span, *starts, members.first)
+        members = replace(members, u0=u0, v0=v0)
+    return members, prepared.options._replace(t_eval=times)
 
 
 def _refuse_parallel(rhs: Any) -> None:

@@ -75,7 +75,7 @@ class EffectEvent(Event):
         What must hold at the start of a run, in an error; empty if the start may lie behind the event.
     turns : bool
         Whether the event is the turn of a link that yields. Then only a start beyond yield with a velocity back breaks
-        the rule.
+        the rule. Without a rule, such a link turns at the start.
     """
 
     rule: str = ""

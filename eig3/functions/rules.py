@@ -1,14 +1,13 @@
-"""Rules of effects for the start of a run: it must not lie behind an event that would then never occur."""
+"""Rules of effects for the start of a run, which must not lie behind an event that would then never occur."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ..kernels.loops.starts import starts_kernel
-from .callbacks import Callback
 from .events import EffectEvent, Event
 
 _AT_ONCE = 1e-9  # of the span: the motion is then far beyond the round-off of a located zero
@@ -20,25 +19,27 @@ class Rules:
     Parameters
     ----------
     events : dict of str to Event
-    functions : iterable of Callback
-        The compiled function g of each event. An effect has events in the vector form only.
+        An effect has events in the vector form only.
+    table : ndarray
+        The table of the events for a kernel; see `eig3.kernels.protocol.Watch`.
     """
 
-    def __init__(self, events: Mapping[str, Event], functions: Iterable[Callback]) -> None:
-        self._texts, table = [], []
-        for (name, event), g in zip(events.items(), functions, strict=True):
-            if isinstance(event, EffectEvent) and event.rule:
+    def __init__(self, events: Mapping[str, Event], table: np.ndarray) -> None:
+        self._texts, rows = [], []
+        for (name, event), row in zip(events.items(), table, strict=True):
+            if isinstance(event, EffectEvent) and (event.rule or event.turns):
                 self._texts.append((event.rule, name))
-                table.append((g.address, event.direction, event.turns))
-        self._table = np.array(table, dtype=np.int64)
+                rows.append((*row[:3], event.turns, bool(event.rule)))
+        self._table = np.array(rows, dtype=np.int64)
+        self._may_turn = not all(rule for rule, _ in self._texts)
 
     def __bool__(self) -> bool:
         return bool(self._texts)
 
-    def check(
+    def starts(
         self, n: int, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, first: int | None = None
-    ) -> None:
-        """Raise a ValueError if a start lies behind an event.
+    ) -> tuple[Any, Any]:
+        """Return u and v, with the turns of links that move back at the start.
 
         Parameters
         ----------
@@ -49,7 +50,14 @@ class Rules:
             With a first axis of members for an ensemble, or params without it if all members share them.
         first : int, optional
             The number of the first member, for an ensemble.
+
+        Raises
+        ------
+        ValueError
+            If a start lies behind an event with a rule.
         """
+        if self._may_turn:
+            u, v = np.array(u, order="C"), np.array(v, order="C")
         count = 1 if first is None else len(u)
         sets, soon = count if params.ndim == 2 else 1, _AT_ONCE * (span[1] - span[0])
         values = params.ravel(), u.ravel(), v.ravel(), np.empty(u.size // count)
@@ -58,3 +66,4 @@ class Rules:
             rule, name = self._texts[k]
             who = "the start" if first is None else f"member {first + i}"
             raise ValueError(f"{rule}, but {who} lies behind {name!r}: change u0, v0, t_span or params.")
+        return u, v

@@ -82,8 +82,7 @@ class Prepared:
         self._system: System = remembered(rhs, form, options)
         records = records_of(rhs)
         self._records = records if records and (records.check or options.tolerances) else None
-        callbacks = self._system.event_callbacks
-        self.rules = (Rules(options.events, [g for g, _ in callbacks]) or None) if callbacks else None
+        self.rules = (Rules(options.events, self._system.event_table) or None) if options.events else None
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
 
@@ -154,13 +153,14 @@ class Prepared:
             u, v = self._with_first_order(u, v, z0)
         if self.options.layout or (type(params) not in WITHOUT_NAMES and has_names(params)):
             params = in_layout(self.options.layout, params)
-        start, longest = (check_span(span), u, v, guarded(check_params(params))), math.inf
+        span, p, longest = check_span(span), guarded(check_params(params)), math.inf
         if self._records or self.rules:
             n = u.size - self._system.first_order.size
             is_own = bool(self._defaults) and params is self._defaults[3]
             longest = self._longest if is_own else longest_step(self._records, params, n)
             if self.rules:
-                self.rules.check(n, *start)
+                u, v = self.rules.starts(n, span, u, v, p)
+        start = span, u, v, p
         is_plain = cancel is None and save_to is None and progress is False and type(raise_on_failure) is bool
         solution = self._if_short(*start, longest) if is_plain else None
         if solution is None:

@@ -210,7 +210,8 @@ class RigidBody:
         ----------
         other : RigidBody or None
         law : Link
-            The angle is 0 at the start, and from -pi to pi; ``rest_length`` is an angle too, and may be negative.
+            The angle is 0 at the start, and from -pi to pi; ``rest_length`` is an angle too, and may be negative. A
+            body that turns past half a turn gets the torque of the angle less a whole turn: it jumps there.
         axis : array_like, shape (3,), optional
             In space, the axis of the joint; the angle is positive by the right-hand rule.
 

@@ -59,11 +59,12 @@ def _deformed(u: Any, p: Any, m: Any) -> Any:
     """Return the direction and the length of a chord, the elongation, and the rotations of the ends relative to it."""
     x, y = p.chords[m, 0], p.chords[m, 1]
     ends = p.ends[m]
-    dx = x + entry(u, ends[3]) - entry(u, ends[0])
-    dy = y + entry(u, ends[4]) - entry(u, ends[1])
+    move_x, move_y = entry(u, ends[3]) - entry(u, ends[0]), entry(u, ends[4]) - entry(u, ends[1])
+    dx, dy = x + move_x, y + move_y
     length, rest = sqrt(dx * dx + dy * dy), sqrt(x * x + y * y)
-    angle = atan2(x * dy - y * dx, x * dx + y * dy)  # rotation of the chord
-    longer = ((dx - x) * (dx + x) + (dy - y) * (dy + y)) / (length + rest)
+    # the round-off of the rotation and of the elongation is relative to the displacements, and not to the lengths
+    angle = atan2(x * move_y - y * move_x, x * dx + y * dy)  # rotation of the chord
+    longer = (move_x * (dx + x) + move_y * (dy + y)) / (length + rest)
     turns = _turned(entry(u, ends[2]) - angle), _turned(entry(u, ends[5]) - angle)
     return dx / length, dy / length, length, longer, turns[0], turns[1]
 

@@ -12,23 +12,26 @@ from ..compile.jit import bound, compile_kernel, element
 from ..protocol import VECTOR, vector_type
 from .zeros import event_of
 
-_ADDRESS, _DIRECTION, _TURNS = range(3)  # the columns of `rules`
+_G, _APPLY, _DIRECTION, _TURNS, _IS_REFUSED = range(5)  # the columns of `rules`
 
 
-def first_missed(rules, t0, soon, n, count, sets, params, u, v, scratch):
-    """Return the first of `count` starts that breaks a rule, and the first rule that it breaks; -1 if there is none.
+def first_refused(rules, t0, soon, n, count, sets, params, u, v, scratch):
+    """Return the first of `count` starts that is refused, and the first rule that it breaks; -1 if there is none.
 
-    A row of `rules` has the address of the function of an event, its direction, and 1 if it is the turn of a link that
-    yields. `soon` is a short time, and n the number of velocities without first-order unknowns. u and v have the values
-    of all starts, and `params` a set for each start, or one for all. `scratch` has room for the u of one start.
+    A row of `rules` has the addresses of the functions of an event, its direction, whether it is the turn of a link
+    that yields, and whether a start that breaks the rule is refused: otherwise, the link turns there. `soon` is a short
+    time, and n the number of velocities without first-order unknowns. u and v have the values of all starts, and
+    `params` a set for each start, or one for all. `scratch` has room for the u of one start.
     """
     size, width = len(scratch), len(params) // sets
     for i in range(count):
         begin, own = i * size, min(i, sets - 1) * width
-        start = params[own : own + width], u[begin : begin + size], v[begin : begin + size]
+        p, u_start, v_start = params[own : own + width], u[begin : begin + size], v[begin : begin + size]
         for k in range(len(rules)):
-            if IS_MISSED(rules[k], t0, soon, n, *start, scratch):
-                return i, k
+            if IS_MISSED(rules[k], t0, soon, n, p, u_start, v_start, scratch):
+                if rules[k, _IS_REFUSED]:
+                    return i, k
+                APPLY_AT(rules[k, _APPLY])(t0, u_start, v_start, p)
     return -1, -1
 
 
@@ -38,21 +41,21 @@ def is_missed(rule, t0, soon, n, p, u, v, other):
     A run may begin where another one has bounced: the motion then leaves the event at once. At the turn of a link that
     yields, only a start beyond yield with a velocity back breaks the rule.
     """
-    g, direction = rule[_ADDRESS], rule[_DIRECTION]
+    g, direction = rule[_G], rule[_DIRECTION]
     if not direction * EVENT(g, t0, u, v, p) >= 0:
         return False
-    if rule[_TURNS]:  # within yield, the sign does not depend on the velocity
-        for j in range(len(v)):
-            other[j] = -v[j] if j < n else v[j]
-        return direction * EVENT(g, t0, u, other, p) < 0
     for j in range(len(u)):
         other[j] = u[j] + soon * v[j]
-    return not direction * EVENT(g, t0 + soon, other, v, p) < 0
+    if direction * EVENT(g, t0 + soon, other, v, p) < 0:
+        return False
+    for j in range(len(v)):  # within yield, the sign does not depend on the velocity
+        other[j] = -v[j] if j < n else v[j]
+    return not rule[_TURNS] or direction * EVENT(g, t0, u, other, p) < 0
 
 
 @functools.cache
 def starts_kernel() -> Any:
-    """Compile the kernel of the vector form, or load it from the disk: see `first_missed`."""
-    names = {"IS_MISSED": element(bound(is_missed, {"EVENT": event_of(VECTOR)}))}
+    """Compile the kernel of the vector form, or load it from the disk: see `first_refused`."""
+    names = {"IS_MISSED": element(bound(is_missed, {"EVENT": event_of(VECTOR)})), "APPLY_AT": VECTOR.at("apply")}
     signature = UniTuple(int64, 2)(Array(int64, 2, "C"), float64, float64, *[int64] * 3, *[vector_type] * 4)
-    return compile_kernel(first_missed, names, signature, "starts")
+    return compile_kernel(first_refused, names, signature, "starts")
