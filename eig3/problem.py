@@ -224,6 +224,8 @@ class Problem:
         """
         names = [each.name for each in fields(self) if each.init and each.name != "rhs"]
         for name in changes:
+            if name not in names and self._layout and name in self._layout.names:
+                raise TypeError(f"{name} is a parameter: give params=problem.params._replace({name}=...) to with_.")
             if name not in names:
                 raise TypeError(f"with_ can change {', '.join(names)}, but not {name}{suggestion(name, names)}")
         new = {name: self._checked(name, value) for name, value in changes.items()}
