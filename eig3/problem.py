@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
@@ -21,7 +22,7 @@ from .ensembles.named_members import of_members
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import check_callback, reads_velocity
 from .functions.checks import check_method, check_params, check_span, check_state, reals
-from .functions.events import Event
+from .functions.events import EffectEvent, Event
 from .functions.first_order import NONE, FirstOrder, check_z0
 from .functions.guard import guarded
 from .functions.layout import Layout
@@ -215,6 +216,8 @@ class Problem:
         """
         names = [each.name for each in fields(self) if each.init and each.name != "rhs"]
         for name in changes:
+            if name not in names and self._layout and name in self._layout.names:
+                raise TypeError(f"{name} is a parameter: give params=problem.params._replace({name}=...) to with_.")
             if name not in names:
                 raise TypeError(f"with_ can change {', '.join(names)}, but not {name}{suggestion(name, names)}")
         new = {name: self._checked(name, value) for name, value in changes.items()}
@@ -253,8 +256,8 @@ class Problem:
         **options
             Other options of `eig3.integrate`, such as rtol and t_eval. `invariants` replaces the energy, which is
             evaluated after about every hundredth step without `invariants_every`; `events` replaces the events of the
-            problem. If z0 are integrals, functions in `invariants` and `outputs` get u and v with further degrees of
-            freedom for these.
+            problem, with a warning if it leaves out events of effects. If z0 are integrals, functions in `invariants`
+            and `outputs` get u and v with further degrees of freedom for these.
 
         Returns
         -------
@@ -720,8 +723,20 @@ class Problem:
         if self.energy is not None and "invariants" not in options:
             options = {"invariants": {"energy": self.energy}, "invariants_every": _ENERGY_EVERY, **options}
         options = {"events": self.events, "invariants": {}, **options}
+        self._warn_of_effects_without(options["events"])
         options |= {"method": self._with_masses(options.get("method")), "labels": self.labels}
         return options | {"first_order": self.unknowns}
+
+    def _warn_of_effects_without(self, events: Any) -> None:
+        """Warn if events of a run leave out events of effects; without any events this is surely meant."""
+        given = events if isinstance(events, Mapping) else {}
+        left = [name for name, event in self.events.items() if isinstance(event, EffectEvent) and name not in given]
+        if given and left:
+            warnings.warn(
+                f"events replaces the events of {self.name}, and {left[0]!r} then does not act: give "
+                "events={**problem.events, ...}, or leave it out by problem.with_(events=...).",
+                stacklevel=5,
+            )
 
     def _with_masses(self, method: Any) -> Any:
         """Return the method with the masses of the problem, if it is an instance of Method."""

@@ -201,6 +201,7 @@ def push(t, u, v, p):
 THERE = {"there": eig3.Event(above_level, direction=-1)}
 SIGHTS = {
     "logged": {"events": {**THERE, "slow": eig3.Event(slow)}},
+    "one function": {"events": {"rises": eig3.Event(above_level, direction=1), **THERE, "slow": eig3.Event(slow)}},
     "reset": {"events": {"there": eig3.Event(above_level, apply=brake)}},
     "terminal": {"events": {"there": eig3.Event(above_level, direction=-1, terminal=True)}},
     "terminal reset": {

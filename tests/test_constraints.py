@@ -275,6 +275,14 @@ def test_a_chain_takes_time_as_its_number_of_rods():
     assert len(scene.problem((0, 1)).params) < 120 * count
 
 
+def test_the_reaction_of_a_prescribed_distance_is_a_force():
+    """It and the weight give the acceleration of the mass, to round-off, also where the distance has changed."""
+    problem = actuated().problem((0.0, 0.8))
+    run = problem.integrate(h=1e-3, method="rk8", outputs=problem.outputs)
+    away = run.u / np.linalg.norm(run.u, axis=1)[:, None]
+    np.testing.assert_allclose(run.outputs["reactions"] * away - (0.0, 0.0, G), run.a, rtol=0, atol=1e-12)
+
+
 def test_constraints_that_do_not_fit_are_named():
     scene = Scene(2)
     corners = scene.mass(1.0, [(0, 0), (1, 0), (0, 1), (1, 1)])

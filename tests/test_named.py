@@ -315,6 +315,16 @@ def test_members_that_do_not_fit(params, message):
         eig3.ensemble(spring, (0, 1), 1.0, 0.0, params=params, **H)
 
 
+def test_a_lambda_expression_reads_names():
+    problem = eig3.Problem("spring", eig3.jit(lambda t, u, v, p: -p.k * u), 1.0, 0.0, {"k": 4.0}, (0, 1))
+    squares = {"square": eig3.jit(lambda t, u, v, z, p: p.k * z[0])}
+    with_z = eig3.jit(lambda t, u, v, z, p, a, dz: a.fill(-p.k * u[0]) or dz.fill(2 * u[0] * v[0]))
+    run = eig3.integrate(with_z, (0, 1), [1.0], [0.0], z0=1.0, params={"k": 4.0}, outputs=squares, method="rk8", **H)
+    exact = np.cos(2.0)  # and RK8 has an error of about (omega h)^8
+    assert problem.integrate(method="rk8", **H).u[-1] == pytest.approx(exact, abs=1e-13)
+    assert run.outputs["square"][-1] == pytest.approx(4 * exact**2, abs=1e-12)
+
+
 def test_values_for_other_numbers_of_members():
     params = {"k": [4.0, 5.0, 6.0], "c": 0.1, "power": 1}
     message = r"params\['k'\] has the length 3, but there are 4 members; give 4 values, one for each member\.$"
@@ -322,6 +332,13 @@ def test_values_for_other_numbers_of_members():
         eig3.ensemble(spring, (0, 1), np.ones(4), 0.0, params=params, **H)
     with pytest.raises(ValueError, match="u0, v0 and h have first axes of different lengths"):
         eig3.ensemble(spring, (0, 1), np.ones(4), np.ones(3), params=params, **H)
+    problem = eig3.Problem("spring", spring, 1.0, 0.0, Spring(4.0, 0.1, 1), (0, 1))
+    with pytest.raises(ValueError, match=r"^params must hold at least one member, but an array is empty\.$"):
+        problem.ensemble(params={"k": []}, **H)
+    with pytest.raises(
+        TypeError, match=r"^k is a parameter: give params=problem\.params\._replace\(k=\.\.\.\) to with_"
+    ):
+        problem.with_(k=5.0)
     with pytest.raises(ValueError, match=r"^params has values for different numbers of members: k 2, c 3\.$"):
         make_problem().with_(events={}).ensemble(params={"k": [1.0, 2.0], "c": [0.1, 0.2, 0.3]}, **H)
 

@@ -244,7 +244,7 @@ def test_hinges_are_looked_at_together_and_one_by_one_with_the_same_bits(monkeyp
         names = [*problem.events]
         chosen = {name: problem.events[name] for name in [*names[20:], *names[1:12]]}
         for events in (problem.events, chosen):
-            yield problem.prepare(h=4e-4, events=events, invariants={})()
+            yield problem.with_(events=events).prepare(h=4e-4, invariants={})()
 
     together = [*runs()]
     assert together[0]._extend().stepper.system.event_table[0, 4] == 34

@@ -28,6 +28,11 @@ def code(function):
 # Impacts
 
 
+@eig3.jit
+def half_way(t, u, v, p):
+    return u[0] - 0.5
+
+
 def dropped(dimension=1, slow=0.01, t_end=1.68, **options):
     """A ball that falls from 1 m on a floor, and moves along it too."""
     up = np.eye(dimension)[-1]
@@ -56,6 +61,18 @@ def test_a_ball_strikes_the_floor_at_the_times_of_the_closed_form(dimension, run
     np.testing.assert_array_equal(found.u_after, found.u)
     assert solution.z["work"][-1] == pytest.approx(2.0 * G * (0.6**10 - 1), rel=1e-9)
     assert solution.drift["energy"] < 1e-9
+
+
+def test_events_of_a_run_that_leave_out_an_impact_give_a_warning():
+    """Without its event, the stop does not act: the ball falls freely, by g t^2 / 2."""
+    problem = dropped()
+    half = {"half": eig3.Event(half_way)}
+    with pytest.warns(UserWarning, match=r"^events replaces the events of scene, and 'rigid stop 0' then does not act"):
+        free = problem.integrate(h=1e-2, method="rk4", events=half)
+    assert free.u[-1, 0] == pytest.approx(1 - G * 1.68**2 / 2, rel=1e-12)
+    both = problem.integrate(h=1e-2, method="rk4", events={**problem.events, **half})
+    assert both.events["half"].t[0] == pytest.approx(math.sqrt(1 / G), abs=1e-11)
+    assert len(both.events["rigid stop 0"]) == 5
 
 
 def test_an_impact_changes_the_normal_velocity_only():

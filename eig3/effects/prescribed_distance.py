@@ -13,8 +13,7 @@ from .rod import OfDistance
 class PrescribedDistance(OfDistance):
     """Two points whose distance is a function of time.
 
-    Formula: |x1 - x0| = distance(t). The reaction is the force with which it pushes its ends apart, N, times the ratio
-    of the distance to the distance at the start.
+    Formula: |x1 - x0| = distance(t). The reaction is the force with which it pushes its ends apart, N.
 
     Parameters
     ----------

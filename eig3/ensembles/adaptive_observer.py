@@ -54,7 +54,7 @@ class AdaptiveObserver:
         self._shared, self._numbers = shared, numbers
         histories, lanes, system = shared.histories, shared.layout.lanes, shared.prepared.system
         self._followed, self._n, times = system.followed, histories.members.n, histories.options.t_eval
-        m, n, count = len(numbers), self._n, len(shared.events)
+        m, n, count = len(numbers), self._n, len(shared.places)
         formulas = variable_formulas(shared.method.variable)
         observer = Observer(system, times, n, formulas.work_rows)
         observer.look_within(formulas, rtol)
@@ -73,7 +73,7 @@ class AdaptiveObserver:
         self.record = LaneObservation(
             Observation(0, 0, at_each_step(look.follow), *parts),
             np.array(places, dtype=np.int64),
-            np.array([event.address for event, _ in shared.events], dtype=np.int64),
+            np.array([shared.events[k][0].address for k, _ in shared.places], dtype=np.int64),
             np.ones((count, lanes)),
             np.ones((count, lanes)),
             np.full(lanes, np.inf),

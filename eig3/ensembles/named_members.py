@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 from weakref import WeakSet
 
@@ -115,8 +115,7 @@ def split(rhs: Any, params: Any, t0: float, u0: ArrayLike, v0: ArrayLike, h: Arr
             f"params has arrays of different lengths ({lengths}): give u0 with a first axis of members, which says how "
             "many there are."
         )
-    if 0 in counts:
-        raise ValueError("params must hold at least one member, but an array is empty.")
+    _refuse_none(counts)
     each = {name: value for name, value in given.items() if arrays.get(name) in counts}
     base = Parameters({name: np.asarray(value)[0] if name in each else value for name, value in given.items()})
     for name, value in each.items():
@@ -184,4 +183,10 @@ def _common_length(each: Mapping[str, np.ndarray]) -> int:
     if len(set(lengths.values())) > 1:
         words = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise ValueError(f"params has values for different numbers of members: {words}.")
+    _refuse_none(lengths.values())
     return next(iter(lengths.values()), 1)
+
+
+def _refuse_none(counts: Collection[int]) -> None:
+    if 0 in counts:
+        raise ValueError("params must hold at least one member, but an array is empty.")

@@ -316,6 +316,11 @@ def names_read(function: Any) -> list[str]:
     return [attribute for attribute in attributes_of(function, PLACE_OF_P) if not hasattr(np.ndarray, attribute)]
 
 
+def name_in_source(function: Any) -> str:
+    """Return a name for a function in written source; a lambda expression has none."""
+    return function.__name__ if function.__name__.isidentifier() else "unnamed"
+
+
 def attributes_of(function: Any, place: int) -> list[str]:
     """Return the attributes that the bytecode of a function reads of its argument at a place."""
     code, place = _code_that_reads(function, place)

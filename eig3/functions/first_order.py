@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from ..kernels.compile.numba_internals import Jitted
 from ..kernels.compile.source import define
 from ..kernels.protocol import SCALAR, VECTOR, Form
-from .callbacks import WITH_Z, jit, takes
+from .callbacks import WITH_Z, jit, name_in_source, takes
 from .checks import check_names, reals, shown
 from .events import Event
 from .quantities import EnergyLessWork
@@ -155,13 +155,14 @@ class FirstOrder(NamedTuple):
         given = [t, f"{u}[:n_own]", f"{v}[:n_own]", *(f"{v}[n_own:]" for _ in z), p, *after]
         if is_rhs:
             given[-2:] = f"{after[0]}[:n_own]", f"{after[0]}[n_own:]"
+        name = name_in_source(function)
         text = (
-            f"def {function.__name__}({', '.join(outer)}):\n"
+            f"def {name}({', '.join(outer)}):\n"
             f"    n_own = {u}.size - {self.size}\n"
             f"    return inner_function({', '.join(given)})\n"
         )
         names = {"inner_function": function, "__name__": function.py_func.__module__}
-        defined = define(text, "unknowns", names)[function.__name__]
+        defined = define(text, "unknowns", names)[name]
         defined.inner, defined.reads_z = function, reads_z  # these are pickled with the Python function
         return jit(defined)
 

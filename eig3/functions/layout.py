@@ -20,7 +20,7 @@ import numpy as np
 
 from ..kernels.compile.numba_internals import Jitted, part_of_array
 from ..kernels.compile.source import define
-from .callbacks import PLACE_OF_P, attributes_of, jit, reads_attributes_only
+from .callbacks import PLACE_OF_P, attributes_of, jit, name_in_source, reads_attributes_only
 from .events import Event
 from .quantities import EnergyLessWork
 from .sparse import Sparse
@@ -251,10 +251,11 @@ class Layout:
         """Return a Python function that calls `function` with parameters that `lines` have read from {p}."""
         arguments = list(inspect.signature(function.py_func).parameters)
         given = [*arguments[:place], self._tuple(read), *arguments[place + 1 :]]
-        head, p = f"def {function.__name__}({', '.join(arguments)}):", arguments[place]
+        name, p = name_in_source(function), arguments[place]
+        head = f"def {name}({', '.join(arguments)}):"
         text = "\n    ".join([head, *lines, f"return inner_function({', '.join(given)})", ""]).replace("{p}", p)
         names = {**self._globals(read), **PARTS, "inner_function": function, "__name__": function.py_func.__module__}
-        return define(text, "named", names)[function.__name__]
+        return define(text, "named", names)[name]
 
     def _tuple(self, read: Sequence[str]) -> str:
         """Return the text of the named tuple of the values of some parameters."""

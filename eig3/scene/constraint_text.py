@@ -67,6 +67,11 @@ class ConstraintText(Text):
             self._line(self._hold("REACT", "memory(u), memory(v), c.forces"))
             with self._block("for row in range(len(out))"):
                 self._line(f"out[row] = c.multipliers[index(p[{self._order} + row])]")
+            for rows in (rows for law, rows in self._laws if "distance" in law.functions):
+                with self._block(f"for k in range({int(rows[0])}, {int(rows[0]) + len(rows)})"):
+                    self._line(
+                        f"row = index(p[{self._order} + k])", "out[k] *= 2 * c.scales[row] * sqrt(c.targets[row])"
+                    )
         if self.unrolled:
             with self._function("reactions_in_lanes(t, u, v, p, out)"):
                 self._line(*self.unrolled.reactions())
