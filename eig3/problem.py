@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
@@ -256,8 +255,9 @@ class Problem:
         **options
             Other options of `eig3.integrate`, such as rtol and t_eval. `invariants` replaces the energy, which is
             evaluated after about every hundredth step without `invariants_every`; `events` replaces the events of the
-            problem, with a warning if it leaves out events of effects. If z0 are integrals, functions in `invariants`
-            and `outputs` get u and v with further degrees of freedom for these.
+            problem, but for the events of effects, which stay in the problem: ``events={}`` leaves these out too. If z0
+            are integrals, functions in `invariants` and `outputs` get u and v with further degrees of freedom for
+            these.
 
         Returns
         -------
@@ -723,20 +723,11 @@ class Problem:
         if self.energy is not None and "invariants" not in options:
             options = {"invariants": {"energy": self.energy}, "invariants_every": _ENERGY_EVERY, **options}
         options = {"events": self.events, "invariants": {}, **options}
-        self._warn_of_effects_without(options["events"])
+        if options["events"] and isinstance(options["events"], Mapping):
+            of_effects = {name: event for name, event in self.events.items() if isinstance(event, EffectEvent)}
+            options["events"] = {**of_effects, **options["events"]}
         options |= {"method": self._with_masses(options.get("method")), "labels": self.labels}
         return options | {"first_order": self.unknowns}
-
-    def _warn_of_effects_without(self, events: Any) -> None:
-        """Warn if events of a run leave out events of effects; without any events this is surely meant."""
-        given = events if isinstance(events, Mapping) else {}
-        left = [name for name, event in self.events.items() if isinstance(event, EffectEvent) and name not in given]
-        if given and left:
-            warnings.warn(
-                f"events replaces the events of {self.name}, and {left[0]!r} then does not act: give "
-                "events={**problem.events, ...}, or leave it out by problem.with_(events=...).",
-                stacklevel=5,
-            )
 
     def _with_masses(self, method: Any) -> Any:
         """Return the method with the masses of the problem, if it is an instance of Method."""
