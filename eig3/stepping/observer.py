@@ -162,7 +162,7 @@ class Observer:
     def save_wanted(self, rows: Mapping[str, np.ndarray], n: int) -> None:
         """Make the kernel write the states at the times of t_eval to these rows: u, v and, if present, steps."""
         u, v = rows["u"].reshape(-1, n), rows["v"].reshape(-1, n)
-        h = rows["steps"] if "steps" in rows else np.empty(len(u))
+        h = rows["steps"].ravel() if "steps" in rows else np.empty(len(u))
         self.watch = self.watch._replace(h_rows=h, u_rows=u, v_rows=v)
 
     def save_outputs(self, rows: Mapping[str, np.ndarray]) -> None:
