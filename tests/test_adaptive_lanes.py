@@ -1,11 +1,13 @@
 """Members with tolerances in lanes: each takes the steps of its single run, whatever runs beside it."""
 
+import numba
 import numpy as np
 import pytest
 
 import eig3
-from eig3.ensembles import lanewise
-from eig3.kernels.protocol import SCALAR
+from eig3.ensembles import adaptive_observer, lanewise
+from eig3.kernels.loops import observe
+from eig3.kernels.protocol import LOOK_WITHIN, SCALAR
 from eig3.stepping import slices as slices_of_steps
 
 from .conftest import above_level, falling, linear_spring, position, rebound
@@ -417,3 +419,12 @@ def test_saved_states_of_many_steps_depend_on_no_room(monkeypatch):
         np.testing.assert_array_equal(getattr(other, name), getattr(found, name))
     np.testing.assert_array_equal(other.outputs["power"], found.outputs["power"])
     np.testing.assert_array_equal(other.extremes["power"], found.extremes["power"])
+
+
+def test_kernels_get_arrays_of_their_types(monkeypatch):
+    """Calls do not check them: an array with an axis more than its type has would be written beyond its record."""
+    place, looks = observe.placing(), []
+    monkeypatch.setattr(adaptive_observer, "placing", lambda: lambda *given: looks.append(given[0]) or place(*given))
+    times = np.linspace(0, 3, 5)
+    eig3.ensemble(linear_spring, (0, 3), np.ones(70), 0.0, params=[3.0], rtol=1e-6, t_eval=times)
+    assert {numba.typeof(look) for look in looks} == {LOOK_WITHIN}
