@@ -454,7 +454,7 @@ BAD_VALUES = [
     ({"h": 1e-17}, "h must be at least 1.11e-16 for this t_span"),
     ({"h": np.ones((30, 30))}, "not array([[1., 1., 1.,"),
     ({"t_span": (0, 0)}, "t_span must end after it starts, but it is (0.0, 0.0)."),
-    ({"t_span": (1, 0)}, "t_span must end after it starts, but it is (1.0, 0.0)."),
+    ({"t_span": (1, 0)}, "but it is (1.0, 0.0): to go back in time, integrate f(-t, u, -v) over (-1.0, 0.0) from"),
     ({"t_span": (1e10, 1e10 + 1e-5), "h": 1e-6}, "h must be at least 7.63e-06 for floating-point times"),
     ({"t_span": (-1.7e308, 1.7e308)}, "t_span must have a finite length"),
     ({"t_span": (0, np.inf)}, "t_span must be finite, not (0.0, inf)."),
