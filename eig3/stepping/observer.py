@@ -105,7 +105,8 @@ class Observer:
         self._use_numbers(None)
 
     def _use_numbers(self, numbers: np.ndarray | None) -> None:
-        self._table, self._output_rows = self.followed.table.copy(), {}
+        self._table = self.followed.table.copy()
+        self._output_rows: Mapping[str, np.ndarray] = {}
         self.numbers, arrays = self.followed.arrays(self._n, numbers)
         self._widest, self.steps, self._start, self._before, self._out, self.parts, self.forward, self.most = arrays
 
