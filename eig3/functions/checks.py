@@ -66,7 +66,9 @@ def check_span(t_span: Sequence[float]) -> tuple[float, float]:
     if not (math.isfinite(t0) and math.isfinite(t1)):
         raise ValueError(f"t_span must be finite, not ({t0}, {t1}).")
     if not t1 > t0:
-        back = f": to go back in time, integrate f(-t, u, -v) over ({0 - t0}, {0 - t1}) from u0 and -v0" if t1 < t0 else ""
+        back = (
+            f": to go back in time, integrate f(-t, u, -v) over ({0 - t0}, {0 - t1}) from u0 and -v0" if t1 < t0 else ""
+        )
         raise ValueError(f"t_span must end after it starts, but it is ({t0}, {t1}){back}.")
     if not math.isfinite(t1 - t0):
         raise ValueError(f"t_span must have a finite length, but it is ({t0}, {t1}).")
