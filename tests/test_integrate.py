@@ -75,6 +75,16 @@ def test_a_step_that_divides_the_span_is_kept(span, h, n):
     assert divide(span, h)[0] == n
 
 
+@pytest.mark.parametrize("t0", [0.0, -1e3, 1e6, 1e9])
+def test_a_step_that_divides_the_span_is_kept_at_late_times(t0):
+    """The span has the round-off of its ends, such as 1.2e-10 at t = 1e6."""
+    options = {"params": PARAMS, "h": 0.3}
+    for end, n in ((t0 + 0.3, 1), (t0 + 2.1, 7)):
+        alone = integrate(oscillator, (t0, end), 1.0, 0.0, **options)
+        members = eig3.ensemble(oscillator, (t0, end), np.ones(3), 0.0, **options)
+        assert [alone.n_steps, *members.n_steps] == [n] * 4
+
+
 def test_step_is_shrunk_to_land_on_the_end():
     run = oscillate(t_end=1.0, h=0.3)
     assert run.h == 0.25

@@ -208,7 +208,8 @@ def _divided(h: np.ndarray, t0: float, t1: float) -> tuple[Any, Any]:
     divide(span, float(h.min()))  # this refuses numbers of steps that are too large to count
     ratio = span / h
     nearest = np.round(ratio)
-    is_whole = np.abs(ratio - nearest) <= _WHOLE * np.maximum(ratio, nearest)
+    round_off = math.ulp(max(abs(t0), abs(t1))) / h
+    is_whole = np.abs(ratio - nearest) <= np.maximum(_WHOLE * np.maximum(ratio, nearest), round_off)
     n_steps = np.maximum(1, np.where(is_whole, nearest, np.ceil(ratio))).astype(np.int64)
     check_resolution(float((span / n_steps).min()), t0, t1)
     return (span / n_steps, n_steps) if h.ndim else (span / int(n_steps), int(n_steps))

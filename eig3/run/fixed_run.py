@@ -359,14 +359,15 @@ def steps_until(stepper: Stepper, t_end: float) -> int:
     return n_steps
 
 
-def divide(span: float, h: float) -> tuple[int, float]:
+def divide(span: float, h: float, round_off: float = 0.0) -> tuple[int, float]:
     """Return the number of steps of at most `h` that fill `span`, and the length of these steps."""
     ratio = span / h
     if not ratio < 2**53:
         raise ValueError(
             f"h must be at least {span / 2**53:.3g} for this t_span, so that steps can be counted, not {h}."
         )
-    # If h divides the span except for round-off, one more step must not be added.
+    # If h divides the span except for round-off, also of its ends, one more step must not be added.
     nearest = round(ratio)
-    n_steps = max(1, nearest if math.isclose(ratio, nearest, rel_tol=1e-12) else math.ceil(ratio))
+    is_whole = math.isclose(ratio, nearest, rel_tol=1e-12, abs_tol=round_off / h)
+    n_steps = max(1, nearest if is_whole else math.ceil(ratio))
     return n_steps, span / n_steps
