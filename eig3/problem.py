@@ -281,7 +281,7 @@ class Problem:
         Parameters
         ----------
         **options
-            Options of `eig3.prepare`. `invariants` replaces the energy, and `events` the events of the problem.
+            Options of `eig3.prepare`. `invariants` and `events` are as for `integrate`.
 
         Returns
         -------
@@ -372,7 +372,7 @@ class Problem:
         t_end : float, optional
             The end of the run; ``t_span[1]`` if not given.
         **options
-            Other options of `eig3.ensemble`. `invariants` replaces the energy, and `events` the events of the problem.
+            Other options of `eig3.ensemble`. `invariants` and `events` are as for `integrate`.
 
         Returns
         -------
