@@ -140,7 +140,7 @@ def measure(table: Table, steps: tuple[float, ...], repeats: int) -> MeasuredTab
     cells = []
     for i, h in enumerate(steps):
         where = f"table {table.number}, h = {h:g}"
-        n_steps, fitted = divide(problem.t_span[1] - problem.t_span[0], h)
+        n_steps, fitted = divide(*problem.t_span, h)
         runs = {
             name: kernel_run(problem.stepper(h=fitted, method=method), n_steps, storage=storage)
             for name, method in methods.items()

@@ -41,7 +41,7 @@ def time_run(benchmark, time_steps):
     """Time the kernel alone over the whole span of a problem, every state stored in memory written before."""
 
     def time_run(problem, h, method, mode="pointer"):
-        n_steps, h = divide(problem.t_span[1] - problem.t_span[0], h)
+        n_steps, h = divide(*problem.t_span, h)
         start = problem.stepper(h=h, method=method, inline=mode == "inline")
         time_steps(start, n_steps, Storage.for_runs(problem, [h]))
         solution, error = error_of(problem, h, method)

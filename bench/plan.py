@@ -227,7 +227,7 @@ def reaching(judge: Judge, method: Method, h: float, metric: str, accuracy: floa
 
 
 def error_of(judge: Judge, method: Method, h: float, metric: str) -> float:
-    n_steps, h = divide(judge.problem.t_span[1] - judge.problem.t_span[0], h)
+    n_steps, h = divide(*judge.problem.t_span, h)
     return _error_of(judge, metric, h=h, method=method, save_every=max(1, n_steps // STATES))
 
 
@@ -254,7 +254,7 @@ def repeatable(problem: Problem, prediction: Prediction, storage: Storage | None
 
 
 def _with_step(problem: Problem, method: Method, h: float, storage: Storage | None) -> Callable[[], float]:
-    n_steps, h = divide(problem.t_span[1] - problem.t_span[0], h)
+    n_steps, h = divide(*problem.t_span, h)
     start = problem.stepper(h=h, method=method)
     return kernel_run(start, n_steps, every=max(1, n_steps // STATES), storage=storage)
 

@@ -292,10 +292,10 @@ def sweep(
     bound = (limit(method) or 2.0) / chosen.omega
     label = method.label + {"cd newton": ", Newton", "cd fixed-point": ", fixed point"}.get(key, "")
 
-    span, timed = problem.t_span[1] - problem.t_span[0], MODES[mode]
+    timed = MODES[mode]
 
     def at(step: float) -> tuple[Repeatable, Solution]:
-        n_steps, h = divide(span, step)
+        n_steps, h = divide(*problem.t_span, step)
         every = max(1, n_steps // STATES)
         text.status(f"{problem.name}, {label}, h = {h:.3g}")
         run = timed.timed(problem, {"h": h, "method": method, "save_every": every})
@@ -309,7 +309,7 @@ def sweep(
 
     was_stable, pace, taken = True, 0.0, 0
     for factor in (*_FACTORS, *(0.5**k for k in range(1, 40))):
-        n_steps, _ = divide(span, factor * bound)
+        n_steps, _ = divide(*problem.t_span, factor * bound)
         if n_steps == taken:  # a short span: two values of h have the same number of steps
             continue
         if pace * n_steps > _HOPELESS * longest:

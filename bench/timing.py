@@ -45,7 +45,7 @@ class Storage:
     @classmethod
     def for_runs(cls, problem: Problem, steps: Sequence[float]) -> "Storage":
         """Rows for the history of a problem over its span with the smallest of these steps h."""
-        return cls.for_steps(problem, divide(problem.t_span[1] - problem.t_span[0], min(steps))[0])
+        return cls.for_steps(problem, divide(*problem.t_span, min(steps))[0])
 
 
 def kernel_run(start: Stepper, n_steps: int, *, every: int = 1, storage: Storage | None = None) -> Callable[[], float]:

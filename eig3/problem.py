@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -344,7 +344,8 @@ class Problem:
             own["invariants"] = {"energy": self.energy}
         if found.events:
             own["events"] = self.events
-        return own | dict(given)
+        own |= given
+        return own | {"events": self._with_effects(own["events"], found.events)} if "events" in own else own
 
     @with_suggestions(ensemble, fields=_FIELDS)
     def ensemble(
@@ -723,11 +724,17 @@ class Problem:
         if self.energy is not None and "invariants" not in options:
             options = {"invariants": {"energy": self.energy}, "invariants_every": _ENERGY_EVERY, **options}
         options = {"events": self.events, "invariants": {}, **options}
-        if options["events"] and isinstance(options["events"], Mapping):
-            of_effects = {name: event for name, event in self.events.items() if isinstance(event, EffectEvent)}
-            options["events"] = {**of_effects, **options["events"]}
+        options["events"] = self._with_effects(options["events"])
         options |= {"method": self._with_masses(options.get("method")), "labels": self.labels}
         return options | {"first_order": self.unknowns}
+
+    def _with_effects(self, events: Any, names: Collection[str] | None = None) -> Any:
+        """Return the events of a run, if it has any, after the events of effects, or after some of them by name."""
+        if not events or not isinstance(events, Mapping):
+            return events
+        names = self.events if names is None else names
+        of_effects = {name: event for name, event in self.events.items() if isinstance(event, EffectEvent)}
+        return {name: event for name, event in of_effects.items() if name in names} | {**events}
 
     def _with_masses(self, method: Any) -> Any:
         """Return the method with the masses of the problem, if it is an instance of Method."""

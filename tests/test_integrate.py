@@ -63,7 +63,7 @@ def test_history_starts_with_the_given_state():
 
 @given(span=st.floats(1e-3, 1e6), h=st.floats(1e-4, 1e7))
 def test_steps_fill_the_span_and_are_no_longer_than_asked(span, h):
-    n, step = divide(span, h)
+    n, step = divide(0.0, span, h)
     assert n >= 1
     assert step <= h * (1 + 2e-12)
     assert n * step == pytest.approx(span, rel=1e-15)
@@ -72,7 +72,7 @@ def test_steps_fill_the_span_and_are_no_longer_than_asked(span, h):
 
 @pytest.mark.parametrize(("span", "h", "n"), [(1000, 1e-4, 10**7), (100, 1e-6, 10**8), (0.3, 0.1, 3), (1.0, 0.3, 4)])
 def test_a_step_that_divides_the_span_is_kept(span, h, n):
-    assert divide(span, h)[0] == n
+    assert divide(0.0, span, h)[0] == n
 
 
 @pytest.mark.parametrize("t0", [0.0, -1e3, 1e6, 1e9])

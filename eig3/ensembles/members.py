@@ -205,7 +205,7 @@ def _divided(h: np.ndarray, t0: float, t1: float) -> tuple[Any, Any]:
     if not valid.all():
         check_h(float(h[~valid].flat[0]))
     span = t1 - t0
-    divide(span, float(h.min()))  # this refuses numbers of steps that are too large to count
+    divide(t0, t1, float(h.min()))  # this refuses numbers of steps that are too large to count
     ratio = span / h
     nearest = np.round(ratio)
     round_off = math.ulp(max(abs(t0), abs(t1))) / h

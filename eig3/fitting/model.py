@@ -94,10 +94,10 @@ class Model:
 
         The run has half the step, or tolerances ten times smaller, or larger where smaller ones are not possible.
         """
-        rtol, atol, (begin, end) = self._options["rtol"], self._options["atol"], self._span
+        rtol, atol = self._options["rtol"], self._options["atol"]
         if rtol is None:
             ratio, power = 0.5, self._run.method.order
-            others: dict[str, Any] = {"h": ratio * divide(end - begin, self._options["h"])[1]}
+            others: dict[str, Any] = {"h": ratio * divide(*self._span, self._options["h"])[1]}
         else:
             ratio, power = (1 / RATIO if rtol >= LEAST else RATIO), 1
             others = {"rtol": ratio * rtol, "atol": None if atol is None else np.multiply(ratio, atol)}

@@ -359,8 +359,9 @@ def steps_until(stepper: Stepper, t_end: float) -> int:
     return n_steps
 
 
-def divide(span: float, h: float, round_off: float = 0.0) -> tuple[int, float]:
-    """Return the number of steps of at most `h` that fill `span`, and the length of these steps."""
+def divide(t0: float, t1: float, h: float) -> tuple[int, float]:
+    """Return the number of steps of at most `h` from t0 to t1, and the length of these steps."""
+    span = t1 - t0
     ratio = span / h
     if not ratio < 2**53:
         raise ValueError(
@@ -368,6 +369,6 @@ def divide(span: float, h: float, round_off: float = 0.0) -> tuple[int, float]:
         )
     # If h divides the span except for round-off, also of its ends, one more step must not be added.
     nearest = round(ratio)
-    is_whole = math.isclose(ratio, nearest, rel_tol=1e-12, abs_tol=round_off / h)
+    is_whole = math.isclose(ratio, nearest, rel_tol=1e-12, abs_tol=math.ulp(max(abs(t0), abs(t1))) / h)
     n_steps = max(1, nearest if is_whole else math.ceil(ratio))
     return n_steps, span / n_steps

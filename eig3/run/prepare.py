@@ -255,7 +255,7 @@ class Prepared:
     ) -> tuple[Stepper, int]:
         """Return a stepper at the start, and the number of its steps."""
         t0, t1 = span
-        n_steps, h = divide(t1 - t0, self.options.h, math.ulp(max(abs(t0), abs(t1))))  # type: ignore[arg-type]
+        n_steps, h = divide(t0, t1, self.options.h)  # type: ignore[arg-type]
         if h < _SHORT * max(1.0, abs(t0), abs(t1)):
             check_resolution(h, t0, t1)
         return Stepper.of(self._system, t0, h, u, v, p, times), n_steps
