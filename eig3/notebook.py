@@ -95,14 +95,17 @@ def _escaped(text: str) -> str:
 
 def brief(value: Any) -> str:
     """Return a value in few words: long arrays by their shape, functions by their name, dictionaries by their keys."""
+    value = getattr(value, "func", value)  # of a partial function
     if value is None or isinstance(value, str):
         return value or ""
+    if hasattr(value, "indptr"):
+        return f"sparse matrix of {' x '.join(map(str, value.shape))}"
     if hasattr(value, "_asdict"):
         return ", ".join(f"{name} = {brief(x)}" for name, x in value._asdict().items())
     if callable(value):
         return getattr(value, "__name__", type(value).__name__) if value else ""
     if isinstance(value, Mapping):
-        return ", ".join(value)
+        return ", ".join(value) if len(value) <= _MOST else f"{next(iter(value))} and {len(value) - 1} others"
     shape = value.shape if hasattr(value, "shape") else (len(value),) if hasattr(value, "__len__") else ()
     if math.prod(shape) > _MOST:
         return f"array of {' x '.join(map(str, shape))}"

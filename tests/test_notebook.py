@@ -121,6 +121,16 @@ def test_problems_of_the_library(name):
     assert rows["u0"].startswith(f"array of {size}" if size > 8 else f"{np.ravel(problem.u0)[0]:.10g}")
 
 
+@pytest.mark.parametrize("name", ["argon", "yielding_frame", "four_bar", "kepler"])
+def test_a_terminal_shows_the_facts_of_a_notebook(name):
+    """A name with each of 12,000 degrees of freedom, or 34 events, would fill it."""
+    problem = getattr(eig3.problems, name)()
+    shown, rows = repr(problem), rows_of(problem)
+    assert shown.startswith(f"{type(problem).__name__}: {name}\n  rhs: rhs\n  u0: ")
+    assert words_of(shown) == words_of(" ".join([type(problem).__name__, name, *map(" ".join, rows)]))
+    assert len(shown) < 1000
+
+
 def test_a_plan_is_a_grid():
     plan = eig3.plan(eig3.problems.single_dof(), 1e-3, methods=["rk4", "rk2", "ab2"])
     head, *rows = rows_of(plan)
