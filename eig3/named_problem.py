@@ -61,7 +61,7 @@ def builder(name: str, command: str) -> Callable[..., Problem]:
         names = [x for x, kind in _kinds(found).items() if kind.text == "real"]
 
         def make(**given: float) -> Problem:
-            return found.with_(params=found.params._replace(**given)) if given else found
+            return found.with_(params=given) if given else found
 
         of_numbers = [Parameter(x, Parameter.KEYWORD_ONLY, annotation=float) for x in names]
         return _with_end(make, found.name, of_numbers)

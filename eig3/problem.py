@@ -25,7 +25,7 @@ from .functions.events import EffectEvent, Event
 from .functions.first_order import NONE, FirstOrder, check_z0
 from .functions.guard import guarded
 from .functions.layout import Layout
-from .functions.named import Parameters, in_layout, named
+from .functions.named import Parameters, has_names, in_layout, named
 from .functions.quantities import EnergyLessWork
 from .functions.records import longest_step, records_of
 from .geometry import Geometry
@@ -198,7 +198,8 @@ class Problem:
         Parameters
         ----------
         **changes
-            New values of attributes. u0, v0, z0 and params keep their shapes, and z0 its names. rhs cannot be changed.
+            New values of attributes. u0, v0, z0 and params keep their shapes and names. A dictionary for z0 or params
+            has the values that change. rhs cannot be changed.
 
         Returns
         -------
@@ -216,7 +217,7 @@ class Problem:
         names = [each.name for each in fields(self) if each.init and each.name != "rhs"]
         for name in changes:
             if name not in names and self._layout and name in self._layout.names:
-                raise TypeError(f"{name} is a parameter: give params=problem.params._replace({name}=...) to with_.")
+                raise TypeError(f"{name} is a parameter: give params={{{name!r}: ...}} to with_.")
             if name not in names:
                 raise TypeError(f"with_ can change {', '.join(names)}, but not {name}{suggestion(name, names)}")
         new = {name: self._checked(name, value) for name, value in changes.items()}
@@ -389,7 +390,9 @@ class Problem:
         span = self.t_span[0], self.t_span[1] if t_end is None else t_end
         if self._layout:
             params = of_members({} if params is None else params, self.params)
-        elif params is None:
+        elif params is not None:
+            self._refuse_names(params)
+        else:
             params = check_params(self.params)
             given: Any = (self.u0, u0), (self.v0, v0), (0.0, 0.0 if h is None else h)
             if any(np.ndim(x) > np.ndim(own) and np.shape(x)[0] == params.size > 1 for own, x in given):
@@ -403,8 +406,8 @@ class Problem:
                     raise ValueError(
                         f"{name} must have the shape ({n},) or (m, {n}) in {self.name}, not {np.shape(x)}."
                     )
-            first = self.z0 if z0 is None else {**self.z0, **z0} if isinstance(z0, Mapping) else z0
-            start = [*self.unknowns.start(start[0], start[1], self.unknowns.again(first))]
+            first = self.unknowns.again(self._with_z0({} if z0 is None else z0))
+            start = [*self.unknowns.start(start[0], start[1], first)]
         return ensemble(self.rhs, span, *start, h=h, params=params, **options)
 
     @with_suggestions(Stepper.__init__, fields=_FIELDS)
@@ -764,14 +767,25 @@ class Problem:
         if name == "z0":
             if not self.z0:
                 raise TypeError(f"{self.name} has no first-order unknowns: leave out z0.")
-            return self.unknowns.named(self.unknowns.again(value))
+            return self.unknowns.named(self.unknowns.again(self._with_z0(value)))
         if name == "params" and self._layout:
-            return in_layout(self._layout, value)
+            return self.params._replace(**value) if isinstance(value, Mapping) else in_layout(self._layout, value)
+        if name == "params":
+            self._refuse_names(value)
         old = np.shape(check_params(self.params) if name == "params" else self.u0)
         new = check_params(value) if name == "params" else reals(value, name)
         if new.shape != old:
             raise ValueError(f"{name} must keep its shape {old} in {self.name}, not have the shape {new.shape}.")
         return new
+
+    def _with_z0(self, changes: Any) -> Any:
+        """Return the first-order unknowns at the start, some of which a dictionary changes."""
+        return {**self.z0, **changes} if isinstance(changes, Mapping) else changes
+
+    def _refuse_names(self, params: Any) -> None:
+        """Refuse parameters with names, if the problem has none."""
+        if has_names(params):
+            raise TypeError(f"params of {self.name} have no names: give {np.size(self.params)} numbers for each run.")
 
     def _balanced(self, invariants: Any) -> Any:
         """Return the invariants, with the energy minus the work if the problem integrates the work."""

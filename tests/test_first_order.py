@@ -438,6 +438,8 @@ def test_other_starts_keep_names_and_shapes():
     for call in (problem.prepare(h=0.1), lambda z0: problem.with_(z0=z0), lambda z0: problem.ensemble(h=0.1, z0=z0)):
         with pytest.raises(TypeError, match="z0 must have the names stretch"):
             call(z0={"stretching": 0.2})
+    two = eig3.Problem("link", forced, [1.0, 0.0], [0.0, 0.0], 1.0, (0.0, 1.0), z0={"link": 0.1, "filter": 0.0})
+    assert two.with_(z0={"filter": 0.5}).z0 == {"link": 0.1, "filter": 0.5}
     with pytest.raises(ValueError, match=re.escape("z0['stretch'] must")):
         problem.prepare(h=0.1)(z0={"stretch": [np.inf]})
     with pytest.raises(TypeError, match=r"z0 needs z0 in eig3\.prepare too"):

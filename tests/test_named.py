@@ -335,9 +335,7 @@ def test_values_for_other_numbers_of_members():
     problem = eig3.Problem("spring", spring, 1.0, 0.0, Spring(4.0, 0.1, 1), (0, 1))
     with pytest.raises(ValueError, match=r"^params must hold at least one member, but an array is empty\.$"):
         problem.ensemble(params={"k": []}, **H)
-    with pytest.raises(
-        TypeError, match=r"^k is a parameter: give params=problem\.params\._replace\(k=\.\.\.\) to with_"
-    ):
+    with pytest.raises(TypeError, match=r"^k is a parameter: give params=\{'k': \.\.\.\} to with_"):
         problem.with_(k=5.0)
     with pytest.raises(ValueError, match=r"^params has values for different numbers of members: k 2, c 3\.$"):
         make_problem().with_(events={}).ensemble(params={"k": [1.0, 2.0], "c": [0.1, 0.2, 0.3]}, **H)
@@ -429,7 +427,8 @@ def test_the_function_of_a_problem_takes_parameters_in_another_order_or_of_other
 def test_parameters_of_another_layout():
     problem = make_problem()
     with pytest.raises(TypeError, match=r"^params must have power too: its names are k, c, power\.$"):
-        problem.with_(params={"k": 1.0, "c": 0.1})
+        problem.prepare(**H)((0, 1), 1.0, 0.0, {"k": 1.0, "c": 0.1})
+    assert problem.with_(params={"k": 1.0}).params == problem.params._replace(k=1.0)
     with pytest.raises(TypeError, match=r"^params has no cc: did you mean c\?$"):
         problem.with_(params={"k": 1.0, "cc": 0.1, "power": 1})
     with pytest.raises(
@@ -439,6 +438,9 @@ def test_parameters_of_another_layout():
     with pytest.raises(TypeError, match=r"^params must have the names k, c, power, and not be "):
         problem.with_(params=[1.0, 0.1, 1])
     assert problem.with_(params={"k": 9, "c": 0, "power": 1}).params.k == 9.0  # whole numbers are numbers too
+    for call in (lambda **given: eig3.problems.duffing().with_(**given), eig3.problems.duffing().ensemble):
+        with pytest.raises(TypeError, match=r"^params of duffing have no names: give 5 numbers for each run\.$"):
+            call(params={"delta": [0.3, 0.2]})
     with pytest.raises(TypeError, match="params has the names k, but the run was prepared for an array: give params"):
         eig3.prepare(spring_of_array, **H)((0, 1), 1.0, 0.0, {"k": 4.0})
     with pytest.raises(TypeError, match="params is for parameters with names"):

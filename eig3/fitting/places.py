@@ -136,11 +136,7 @@ def changed(problem: Problem, places: Sequence[Place], values: np.ndarray) -> Pr
     """Return the problem with other values, shape (p,), at the places."""
     changes: dict[str, Any] = {}
     for field, arrays in varied(problem, places, values[None]).items():
-        if not isinstance(arrays, dict):
-            changes[field] = arrays[0]
-            continue
-        new = {name: x[0] for name, x in arrays.items()}
-        changes[field] = {**problem.z0, **new} if field == "z0" else problem.params._replace(**new)
+        changes[field] = {name: x[0] for name, x in arrays.items()} if isinstance(arrays, dict) else arrays[0]
     return problem.with_(**changes)
 
 
