@@ -30,6 +30,7 @@ from concurrent.futures import ProcessPoolExecutor
 
 import eig3
 from eig3 import problems
+from eig3.kernels.compile.numba_internals import compilations
 
 
 @eig3.jit
@@ -51,7 +52,9 @@ def spring(stiffness):
 
 def run(task):
     problem, options = task
-    return problem.integrate(**options)
+    with compilations() as functions:
+        solution = problem.integrate(**options)
+    return solution, [function.__qualname__ for function in functions]
 
 
 if __name__ == "__main__":
@@ -93,12 +96,15 @@ def output(path, text, *arguments, seconds=300):
 def test_workers_return_the_solutions_of_the_parent(tmp_path):
     """The script forks while it has no other thread; a worker of pytest-xdist always has one."""
     solutions = pickle.loads(output(tmp_path / "script.py", SCRIPT, *STARTS))
+    for start in STARTS:
+        compiled = {name: functions for name, (_, functions) in solutions[start].items() if functions}
+        assert compiled == {}, start  # the workers load what the parent compiled, also of scenes and structures
 
     def plain(solution):
         events = {name: vars(occurrences) for name, occurrences in solution.events.items()}
         return {**vars(solution), "events": events, "kernel_seconds": None}
 
-    fields = {start: {name: plain(solution) for name, solution in runs.items()} for start, runs in solutions.items()}
+    fields = {start: {name: plain(run) for name, (run, _) in runs.items()} for start, runs in solutions.items()}
     parent = fields.pop("parent")
     assert {*eig3.problems.__all__, "own", "closure"} <= {*parent}
     assert parent["shear_building"]["z"]["work"].any()
