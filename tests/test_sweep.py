@@ -168,6 +168,28 @@ def test_members_with_parameters_that_have_names():
     assert values[1] == pytest.approx(np.abs(run.u[run.t >= 0.5, 117]).max(), rel=1e-4)  # it starts anew at 0.5 s
 
 
+def test_outputs_are_measured_and_memory_goes_on_after():
+    """After 1 s, the members start anew with their plastic states: EIG-3 is of second order, and (omega h)^2 is 1e-5.
+
+    The extremes of outputs are also those at events, which lie between the saved states.
+    """
+    measures = ["peak:rotations", "max:moments[3]", "min:moments", "end:rotations[2]", "max:u30"]
+    options = {"h": 4e-4, "t_end": 2.0}
+    whole = study_of(problems.yielding_frame, "peak=20:40:2", measures=measures, **options)
+    late = study_of(problems.yielding_frame, "peak=20:40:2", measures=measures, **options, after=1.0)
+    for i, peak in enumerate((20.0, 40.0)):
+        problem = problems.yielding_frame(peak=peak, t_end=2.0)
+        run = problem.integrate(h=4e-4, outputs=problem.outputs)
+        rotations, moments = run.extremes["rotations"], run.extremes["moments"]
+        expected = [max(rotations.high.max(), -rotations.low.min()), moments.high[3], moments.low.min()]
+        expected += [run.outputs["rotations"][-1, 2], run.u[:, 30].max()]
+        np.testing.assert_allclose([whole.values[name][i] for name in measures], expected, rtol=1e-12)
+        rotations, moments, u = (x[2500:] for x in (run.outputs["rotations"], run.outputs["moments"], run.u))
+        expected = [np.abs(rotations).max(), moments[:, 3].max(), moments.min(), rotations[-1, 2], u[:, 30].max()]
+        np.testing.assert_allclose([late.values[name][i] for name in measures], expected, rtol=3e-5)
+    assert whole.measures[1].label(problem) == "largest moments[3]"
+
+
 def test_a_random_sample_is_reproducible_and_within_its_limits(tmp_path):
     command = "spring_pendulum --set k=60:120 --set theta0=0.1:1:log --random 300 --t-end 0.1 --h 1e-2 --seed"
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
@@ -323,6 +345,15 @@ def test_an_interrupted_sweep_keeps_the_batches_that_were_complete(tmp_path, mon
         ("kepler --set e=0:0.5:2", "max:u2", "kepler has 2 degrees of freedom, numbered from 0."),
         ("kepler --set e=0:0.5:2", "max:u", "--measure max:u must say which degree of freedom, such as max:u0."),
         ("duffing --set a=1:2:3", "max:energy", "duffing has no energy with these parameters."),
+        (
+            "yielding_frame --set peak=1:2:2",
+            "max:forces",
+            "u0, v0, u1-u0 (any degrees of freedom), moments, rotations, or energy",
+        ),
+        ("yielding_frame --set peak=1:2:2", "end:moments", "must say which of the 34 values, such as end:moments[0]."),
+        ("yielding_frame --set peak=1:2:2", "max:moments[34]", "does not fit: moments has 34 values, numbered from 0."),
+        ("yielding_frame --set peak=1:2:2", "drift:moments", "does not fit: take max, min, peak or end of an output."),
+        ("hopper --set n=20:21:2 --after 1e-3", "max:u0", "--after does not fit: a second run would "),
         ("duffing --set a=1:2:3 --after 60", "max:u", "--after must be a time between 0 and 50, the span"),
         ("duffing --set a=1:2:3 --method euler", "max:u", "method must be one of "),
         ("duffing --set a=1:2:3 --h 0", "max:u", "h must be a positive, finite number"),

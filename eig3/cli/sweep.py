@@ -35,8 +35,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         required=True,
         metavar="KIND:QUANTITY",
-        help="what to measure, such as max:u0, min:v1, peak:u1-u0, end:u0, drift:energy; peak is the largest size; "
-        "may be repeated",
+        help="what to measure, such as max:u0, min:v1, peak:u1-u0, end:u0, drift:energy, or an output of the "
+        "problem; peak is the largest size; may be repeated",
     )
     parser.add_argument("--random", type=count, metavar="COUNT", help="draw this number of members between FROM and TO")
     parser.add_argument("--seed", type=int, default=0, help="the seed of --random (default: 0)")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,7 @@ KINDS = {
     "drift": "drift of",
 }
 _COMPONENTS = re.compile(r"([uv])(\d*)(?:-\1(\d+))?")
+_OUTPUT = re.compile(r"(.+?)(?:\[(\d+)\])?")
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,8 @@ class Measure:
         "max", "min" and "peak" are the largest value, the smallest value and the largest size over the ends of all
         steps. "end" is the last value, and "drift" the largest change since the first.
     quantity : str
-        "energy", a component such as "u0" or "v1", or a difference of two such as "u1-u0".
+        "energy"; a component such as "u0" or "v1", or a difference of two such as "u1-u0"; or an output of the problem
+        such as "moments", of whose values the extreme one counts, or one of its values such as "moments[3]".
     """
 
     kind: str
@@ -51,13 +54,18 @@ class Measure:
         ValueError
             If the measure does not exist.
         """
-        kind, _, quantity = text.replace(" ", "").partition(":")
-        if kind not in KINDS or not (quantity == "energy" or _COMPONENTS.fullmatch(quantity)):
-            raise ValueError(
-                f"--measure must be one of {', '.join(KINDS)}, then a colon, then u0, v0, u1-u0 (any degrees of "
-                f"freedom) or energy, such as max:u0, not {text!r}."
-            )
-        return cls(kind, quantity)
+        kind, _, quantity = text.partition(":")
+        measure = cls(kind.strip(), quantity.strip())
+        if measure.kind not in KINDS or not measure.quantity:
+            raise measure._unknown()
+        return measure
+
+    def _unknown(self, outputs: Collection[str] = ()) -> ValueError:
+        """Return the error for a measure that does not exist; `outputs` are the names of the problem's outputs."""
+        return ValueError(
+            f"--measure must be one of {', '.join(KINDS)}, then a colon, then u0, v0, u1-u0 (any degrees of freedom), "
+            f"{''.join(f'{name}, ' for name in outputs)}or energy, such as max:u0, not {str(self)!r}."
+        )
 
     def __str__(self) -> str:
         return f"{self.kind}:{self.quantity}"
@@ -68,14 +76,20 @@ class Measure:
 
     def label(self, problem: Problem) -> str:
         """Return a label with the unit."""
-        return f"{KINDS[self.kind]} {self.quantity} ({self.unit(problem)})"
+        return self.with_unit(f"{KINDS[self.kind]} {self.quantity}", problem)
 
-    def unit(self, problem: Problem) -> str:
-        """Return the unit of the measure."""
-        if self.needs_energy:
-            return problem.energy_unit
-        letter, i, _ = self._components()
-        return problem.unit(letter, i)
+    def with_unit(self, text: str, problem: Problem) -> str:
+        """Return a text with the unit of the measure; the units of outputs are not known."""
+        if self.output:
+            return text
+        letter, i, _ = ("", 0, None) if self.needs_energy else self._components()
+        return f"{text} ({problem.unit(letter, i) if letter else problem.energy_unit})"
+
+    @property
+    def output(self) -> str:
+        """The name of the output that is measured; empty for other quantities."""
+        match = None if self.needs_energy or _COMPONENTS.fullmatch(self.quantity) else _OUTPUT.fullmatch(self.quantity)
+        return match[1] if match else ""
 
     def _components(self) -> tuple[str, int, int | None]:
         """Return "u" or "v", and the degrees of freedom; the second is None if there is no difference."""
@@ -84,7 +98,7 @@ class Measure:
         return match[1], int(match[2] or 0), int(match[3]) if match[3] else None
 
     def function(self, problem: Problem) -> Any:
-        """Return the jitted function of the quantity, for the invariants of an ensemble.
+        """Return the jitted function of the quantity, for the invariants of an ensemble, or the output of the problem.
 
         Raises
         ------
@@ -93,6 +107,8 @@ class Measure:
         """
         if self.needs_energy:
             return self._energy(problem)
+        if self.output:
+            return self._checked_output(problem)
         letter, i, j = self._components()
         n = np.size(problem.u0)
         for index in (i, j):
@@ -104,6 +120,24 @@ class Measure:
         if n > 1 and self.quantity == letter:
             raise ValueError(f"--measure {self} must say which degree of freedom, such as {self.kind}:{letter}0.")
         return _quantity(f"{letter}[{i}]" + (f" - {letter}[{j}]" if j is not None else ""))
+
+    def _checked_output(self, problem: Problem) -> Any:
+        if self.output not in problem.outputs:
+            raise self._unknown(problem.outputs)
+        found, index = problem.outputs[self.output], self._index()
+        count = found[1] if isinstance(found, tuple) else 1
+        if self.kind == "drift":
+            raise ValueError(f"--measure {self} does not fit: take max, min, peak or end of an output.")
+        if self.kind == "end" and index is None and count > 1:
+            raise ValueError(f"--measure {self} must say which of the {count} values, such as {self}[0].")
+        if index is not None and index >= count:
+            raise ValueError(f"--measure {self} does not fit: {self.output} has {count} values, numbered from 0.")
+        return found
+
+    def _index(self) -> int | None:
+        """Return the number of the value of an output; None for all its values."""
+        match = _OUTPUT.fullmatch(self.quantity)
+        return int(match[2]) if match and match[2] else None
 
     def _energy(self, problem: Problem) -> Any:
         """Return the energy. If the problem integrates the work, the drift is for the energy minus the work."""
@@ -120,13 +154,20 @@ class Measure:
         `function` is the invariant `name` of the ensemble, unless the measure is the value at the end.
         """
         if self.kind == "end":
-            values = _at_end(solution, function)
+            values = self._chosen(solution.outputs[name][:, -1]) if self.output else _at_end(solution, function)
         elif self.kind == "drift":
             values = solution.drift[name]
         else:
-            low, high, *_ = solution.extremes[name]
+            low, high = map(self._chosen, solution.extremes[name][:2])
             values = {"min": low, "max": high, "peak": np.maximum(np.abs(low), np.abs(high))}[self.kind]
+        if values.ndim > 1:
+            values = values.min(axis=1) if self.kind == "min" else values.max(axis=1)
         return np.where(solution.status == Status.COMPLETED, values, np.nan)
+
+    def _chosen(self, values: np.ndarray) -> np.ndarray:
+        """Return one value of an output of each member, shape (m,), or the values, shape (m,) or (m, k)."""
+        index = self._index() if self.output else None
+        return values if index is None else values.reshape(len(values), -1)[:, index]
 
 
 @functools.cache

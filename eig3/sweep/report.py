@@ -67,7 +67,7 @@ def _table(study: Study) -> list[str]:
         values = study.values[str(measure)]
         finite = values[np.isfinite(values)]
         three = (finite.min(), np.median(finite), finite.max()) if finite.size else (np.nan,) * 3
-        name = f"{measure} ({measure.unit(study.problem)})"
+        name = measure.with_unit(str(measure), study.problem)
         error = f" {np.fmax.reduce(study.errors[str(measure)]):14.2g}" if study.errors else ""
         lines.append(f"{name:24} " + " ".join(f"{value:12.6g}" for value in three) + error)
     return lines

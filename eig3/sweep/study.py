@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..functions.checks import check_h, check_method, check_span, check_time
+from ..functions.companions import history_of
 from ..functions.named import has_names
 from ..methods import Method, shown
 from ..planning.suggested_step import first_step
@@ -168,6 +169,8 @@ class Study:
         t0, t1 = corners[0].t_span[0], min(corner.t_span[1] for corner in corners)
         if after is not None and not t0 < check_time(after, "after") < t1:
             raise ValueError(f"--after must be a time between {t0:g} and {t1:g}, the span of the run, not {after:g}.")
+        if after is not None and any(history_of(corner.rhs) for corner in corners):
+            raise ValueError("--after does not fit: a second run would start without the springs between grains.")
         if h is None:
             h = min(first_step(corner, record, corner.t_span[1] - corner.t_span[0]) for corner in corners)
         return cls(
@@ -215,28 +218,31 @@ class Study:
     def _run_group(self, problems: list[Problem], members: np.ndarray) -> None:
         """Run members that share their right-hand side, and compute their measures."""
         problem = problems[0]
-        u0, v0 = (np.array([getattr(p, name) for p in problems]) for name in ("u0", "v0"))
-        params = _parameters(problems)
+        start = {name: np.array([getattr(p, name) for p in problems]) for name in ("u0", "v0")}
+        start["params"] = _parameters(problems)
         if self.after is not None:
-            start = self._ensemble(problem, u0, v0, params, t_end=self.after)
-            alive = start.status == Status.COMPLETED
-            self.status[members[~alive]] = start.status[~alive]
+            before = self._ensemble(problem, start, t_end=self.after)
+            alive = before.status == Status.COMPLETED
+            self.status[members[~alive]] = before.status[~alive]
             if not alive.any():
                 return
             problem, members = problem.with_(t_span=(self.after, problem.t_span[1])), members[alive]
-            u0, v0 = start.u[alive, -1], start.v[alive, -1]
-            params = _parameters([p for p, is_alive in zip(problems, alive, strict=True) if is_alive])
+            start = {"u0": before.u[alive, -1], "v0": before.v[alive, -1]}
+            start["params"] = _parameters([p for p, is_alive in zip(problems, alive, strict=True) if is_alive])
+            start |= {"z0": {name: x[alive, -1] for name, x in before.z.items()}} if before.z else {}
         functions = [measure.function(problem) for measure in self.measures]
         names = {function: f"quantity {i}" for i, function in enumerate(functions)}
-        extremes = {names[f]: f for f, measure in zip(functions, self.measures, strict=True) if measure.kind != "end"}
-        solution = self._ensemble(problem, u0, v0, params, invariants=extremes)
+        both = [*zip(functions, self.measures, strict=True)]
+        outputs = {names[f]: f for f, measure in both if measure.output}
+        extremes = {names[f]: f for f, measure in both if measure.kind != "end" and not measure.output}
+        solution = self._ensemble(problem, start, invariants=extremes, outputs=outputs)
         self.status[members] = solution.status
         for measure, function in zip(self.measures, functions, strict=True):
             self.values[str(measure)][members] = measure.of(solution, names[function], function)
 
-    def _ensemble(self, problem: Problem, u0: Any, v0: Any, params: Any, **options: Any) -> Any:
+    def _ensemble(self, problem: Problem, start: Mapping[str, Any], **options: Any) -> Any:
         options = {"invariants": {}, "h": self.h, "method": self.method, **options}
-        solution = problem.ensemble(u0=u0, v0=v0, params=params, **options)
+        solution = problem.ensemble(**start, **options)
         self.n_steps += int(solution.n_steps.sum())
         self.kernels += solution.kernel_seconds
         self.notes += [note for note in solution.notes if note not in self.notes]
@@ -272,6 +278,6 @@ def _groups(problems: Sequence[Problem]) -> list[list[int]]:
     groups: dict[Any, list[int]] = {}
     for i, p in enumerate(problems):
         events = tuple((name, e.g, e.direction, e.terminal, e.apply) for name, e in p.events.items())
-        key = p.rhs, p.energy, p.unknowns, events, p.t_span, np.shape(p.u0), np.size(p.params)
+        key = p.rhs, p.energy, tuple(p.outputs.items()), p.unknowns, events, p.t_span, np.shape(p.u0), np.size(p.params)
         groups.setdefault(key, []).append(i)
     return list(groups.values())
