@@ -218,7 +218,7 @@ class Study:
     def _run_group(self, problems: list[Problem], members: np.ndarray) -> None:
         """Run members that share their right-hand side, and compute their measures."""
         problem = problems[0]
-        start = {name: np.array([getattr(p, name) for p in problems]) for name in ("u0", "v0")}
+        start: dict[str, Any] = {name: np.array([getattr(p, name) for p in problems]) for name in ("u0", "v0")}
         start["params"] = _parameters(problems)
         if self.after is not None:
             before = self._ensemble(problem, start, t_end=self.after)
