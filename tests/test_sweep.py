@@ -224,15 +224,15 @@ def test_a_scene_with_a_record_for_each_member():
         np.testing.assert_allclose([x[i] for x in study.values.values()], expected, rtol=0, atol=ROUND_OFF)
 
 
-def test_the_energy_of_a_scene_follows_the_work():
+@pytest.mark.parametrize("build", [problems.shear_building, problems.yielding_frame])
+def test_the_energy_of_a_scene_follows_the_work(build):
     """The drift is that of the energy less the work; the extremes are those of the mechanical energy."""
-    study = study_of(
-        problems.shear_building, "peak=1:2:2", measures=["drift:energy", "max:energy", "end:energy"], t_end=0.2, h=1e-3
-    )
+    options = {"t_end": 0.2, "h": 4e-4}
+    study = study_of(build, "peak=1:2:2", measures=["drift:energy", "max:energy", "end:energy"], **options)
     for i, peak in enumerate(study.columns["peak"]):
-        problem = problems.shear_building(peak=peak, t_end=0.2, work=True)
-        run = problem.integrate(h=1e-3, invariants_every=1)
-        energy = problem.energy_of(run.u, run.v, run.t)
+        problem = build(peak=peak, t_end=0.2, work=True)
+        run = problem.integrate(h=4e-4, invariants_every=1)
+        energy = problem.energy_of(run.u, run.v, run.t, z=run.z)
         expected = [run.drift["energy"], energy.max(), energy[-1]]
         np.testing.assert_allclose([x[i] for x in study.values.values()], expected, rtol=1e-9)  # sums of large terms
 

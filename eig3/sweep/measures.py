@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..ensembles.solution import EnsembleSolution
-from ..functions.callbacks import check_callback, jit
+from ..functions.callbacks import jit
+from ..functions.layout import bound_layout
 from ..kernels.compile.source import define
-from ..kernels.protocol import SCALAR, VECTOR
 from ..problem import Problem
 from ..result.solution import Status
 
@@ -98,7 +98,7 @@ class Measure:
         return match[1], int(match[2] or 0), int(match[3]) if match[3] else None
 
     def function(self, problem: Problem) -> Any:
-        """Return the jitted function of the quantity, for the invariants of an ensemble, or the output of the problem.
+        """Return the quantity as an output of an ensemble: a jitted function, or the output of the problem.
 
         Raises
         ------
@@ -143,20 +143,23 @@ class Measure:
         """Return the energy. If the problem integrates the work, the drift is for the energy minus the work."""
         if problem.energy is None:
             raise ValueError(f"--measure {self} does not fit: {problem.name} has no energy with these parameters.")
-        if problem.z0 and not problem.unknowns.is_read and self.kind != "drift":
-            n = np.size(problem.u0)
-            return _quantity(f"energy(t, u[:{n}], v[:{n}], p)", problem.energy)
+        if problem.z0 and self.kind != "drift":
+            own = "" if problem.unknowns.is_read else f"[:{np.size(problem.u0)}]"
+            energy = problem.energy
+            if bound_layout(energy):  # the new function takes parameters with names, and is bound later
+                energy = energy.py_func.inner
+            return _quantity(f"energy(t, u{own}, v{own}, p)", energy)
         return problem.energy
 
-    def of(self, solution: EnsembleSolution, name: str, function: Any) -> np.ndarray:
+    def of(self, solution: EnsembleSolution, name: str) -> np.ndarray:
         """Return the measure of each member, shape (m,); NaN for members that did not reach the end.
 
-        `function` is the invariant `name` of the ensemble, unless the measure is the value at the end.
+        `name` is the name of the output with the quantity, or for a drift of the invariant.
         """
-        if self.kind == "end":
-            values = self._chosen(solution.outputs[name][:, -1]) if self.output else _at_end(solution, function)
-        elif self.kind == "drift":
+        if self.kind == "drift":
             values = solution.drift[name]
+        elif self.kind == "end":
+            values = self._chosen(solution.outputs[name][:, -1])
         else:
             low, high = map(self._chosen, solution.extremes[name][:2])
             values = {"min": low, "max": high, "peak": np.maximum(np.abs(low), np.abs(high))}[self.kind]
@@ -174,13 +177,3 @@ class Measure:
 def _quantity(expression: str, energy: Any = None) -> Any:
     text = f"@jit\ndef quantity(t, u, v, p):\n    return {expression}\n"
     return define(text, "measure", {"jit": jit, "energy": energy})["quantity"]
-
-
-def _at_end(solution: EnsembleSolution, function: Any) -> np.ndarray:
-    """Return the values of a function in the last states."""
-    form = SCALAR if solution.u.ndim == 2 else VECTOR
-    call = check_callback(function, "invariant", form, "measure").call
-    t, u, v = solution.t[:, -1].tolist(), solution.u[:, -1], solution.v[:, -1]
-    states = zip(t, *(x.tolist() if form is SCALAR else x for x in (u, v)), strict=True)
-    params = np.broadcast_to(solution.params, (len(solution), solution.params.shape[-1]))
-    return np.array([call(*state, p) for state, p in zip(states, params, strict=True)])

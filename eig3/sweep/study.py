@@ -230,15 +230,16 @@ class Study:
             start = {"u0": before.u[alive, -1], "v0": before.v[alive, -1]}
             start["params"] = _parameters([p for p, is_alive in zip(problems, alive, strict=True) if is_alive])
             start |= {"z0": {name: x[alive, -1] for name, x in before.z.items()}} if before.z else {}
-        functions = [measure.function(problem) for measure in self.measures]
-        names = {function: f"quantity {i}" for i, function in enumerate(functions)}
-        both = [*zip(functions, self.measures, strict=True)]
-        outputs = {names[f]: f for f, measure in both if measure.output}
-        extremes = {names[f]: f for f, measure in both if measure.kind != "end" and not measure.output}
-        solution = self._ensemble(problem, start, invariants=extremes, outputs=outputs)
+        found: dict[bool, dict[Any, str]] = {False: {}, True: {}}  # the names of outputs, and of invariants
+        names = []
+        for measure in self.measures:
+            of_kind, function = found[measure.kind == "drift"], measure.function(problem)
+            names.append(of_kind.setdefault(function, f"quantity {len(names)}"))
+        outputs, invariants = ({name: f for f, name in of_kind.items()} for of_kind in found.values())
+        solution = self._ensemble(problem, start, invariants=invariants, outputs=outputs)
         self.status[members] = solution.status
-        for measure, function in zip(self.measures, functions, strict=True):
-            self.values[str(measure)][members] = measure.of(solution, names[function], function)
+        for measure, name in zip(self.measures, names, strict=True):
+            self.values[str(measure)][members] = measure.of(solution, name)
 
     def _ensemble(self, problem: Problem, start: Mapping[str, Any], **options: Any) -> Any:
         options = {"invariants": {}, "h": self.h, "method": self.method, **options}
