@@ -231,7 +231,7 @@ class Study:
             start["params"] = _parameters([p for p, is_alive in zip(problems, alive, strict=True) if is_alive])
             start |= {"z0": {name: x[alive, -1] for name, x in before.z.items()}} if before.z else {}
         found: dict[bool, dict[Any, str]] = {False: {}, True: {}}  # the names of outputs, and of invariants
-        names = []
+        names: list[str] = []
         for measure in self.measures:
             of_kind, function = found[measure.kind == "drift"], measure.function(problem)
             names.append(of_kind.setdefault(function, f"quantity {len(names)}"))
