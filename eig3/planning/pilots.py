@@ -109,7 +109,7 @@ class Pilots:
         self.span = problem.t_span[1] - problem.t_span[0]
         self.needs_reference = metric == "trajectory"
         self.compiling = 0.0
-        self._begin, self._busy_before = time.perf_counter(), time.thread_time()
+        self._begin = time.thread_time()
         self._paces: dict[Method, float] = {}  # processor time of a step in the last run of each method
         self._compiled: set[tuple[Method, str]] = set()
         self._events = {name: event for name, event in problem.events.items() if event.apply is not None}
@@ -134,13 +134,13 @@ class Pilots:
 
     @property
     def spent(self) -> float:
-        """The time since the start, s, without compilation."""
-        return time.perf_counter() - self._begin - self.compiling
+        """The processor time since the start, s, without compilation."""
+        return time.thread_time() - self._begin
 
     @property
     def left(self) -> float:
         """The processor time that is left for runs, s."""
-        return _LATEST - (time.thread_time() - self._busy_before)
+        return _LATEST - self.spent
 
     @property
     def seen(self) -> float:
@@ -473,7 +473,7 @@ class Pilots:
             begin, busy = time.perf_counter(), time.thread_time()
             run()
             self.compiling += time.perf_counter() - begin
-            self._busy_before += time.thread_time() - busy
+            self._begin += time.thread_time() - busy
 
     @property
     def _start_energy(self) -> float:

@@ -117,7 +117,7 @@ class Plan:
     metric : {"trajectory", "energy"}
     predictions : tuple of Prediction
     pilot_seconds : float
-        Time of the pilot runs and their comparison, without compilation.
+        Processor time of the pilot runs and their comparison, without compilation.
     compile_seconds : float
         Time for compiling methods that no run on this machine had used before, and for loading the others.
     window : tuple of float
