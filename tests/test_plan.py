@@ -178,6 +178,16 @@ def test_chaos_is_reported(monkeypatch):
     assert "not reached: " in repr(plan)
 
 
+def test_what_a_short_part_does_not_show_is_taken_from_a_longer_one():
+    """Within 2.4 s, the errors of a chaotic motion are small; a regular motion over as many periods has its plan."""
+    plan = eig3.plan(problems.double_pendulum(t_end=1e4), 1e-6, methods=["rk8"])
+    assert plan.window[1] - plan.window[0] < 10
+    assert all("the error grows too fast with time (chaos): over 625 time units" in p.note for p in plan.predictions)
+    regular = eig3.plan(problems.henon_heiles().with_(t_span=(0, 1e5)), 1e-6, methods=["rk8"])
+    assert regular.window[1] - regular.window[0] < 1e4
+    assert regular.predictions[0].reaches
+
+
 def test_round_off_is_reported():
     plan = eig3.plan(problems.single_dof(t_end=100.0), 1e-14, methods=["rk4"])
     assert not plan.predictions[0].reaches

@@ -71,12 +71,13 @@ class History:
 
 @dataclass(frozen=True)
 class Run:
-    """A run: its steps over the part of the span, its error over the whole span, and the cost of a step."""
+    """A run: its steps and error over the part of the span, its error over the whole span, and the cost of a step."""
 
     n_steps: int
     error: float  # infinite if the run diverged
     seconds: float = math.nan
     evaluations: float = math.nan
+    seen_error: float = math.inf  # over the part
 
 
 class Pilots:
@@ -310,7 +311,7 @@ class Pilots:
         """The run of this history, with its error extrapolated to the whole span."""
         error, power = self._error(history)
         growth = (1 / self.part) ** power if self._growth is None else self._growth
-        return Run(n_steps, error * growth, history.seconds / n_steps, history.n_rhs / n_steps)
+        return Run(n_steps, error * growth, history.seconds / n_steps, history.n_rhs / n_steps, error)
 
     @property
     def sizes(self) -> tuple[float, float] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -40,6 +41,7 @@ _STEEP = 2.0  # an error that grows with more than this multiple of its order is
 _ROUND_OFF = 1e-6  # an error below this is round-off if it decreases with a power of the step
 _FAR = 100.0  # an error of this multiple of the aim is far from it
 _STALLED = 0.5  # below this
+_FASTER = 10.0  # an error that is larger by this factor grows faster than with the square of time
 _LEAST = 5e-14  # runs agree better than this only by chance
 
 
@@ -53,6 +55,7 @@ def guide(pilots: Pilots) -> Search | str:
         return "the accuracy is below round-off"
     failure = ""
     shortest = math.inf  # unstable step over a longer part
+    longer: list[tuple[float, Run]] = []  # longer parts, and their runs with the most steps
     survey: Search | None = None
     for part, method, seconds in _TRIALS:
         if method == SCOUT and part < 1 and not survey:
@@ -74,7 +77,9 @@ def guide(pilots: Pilots) -> Search | str:
             if search.runs and not stable:
                 shortest = part * pilots.span / search.runs[-1].n_steps
         if found:
-            return search
+            return _contradiction(search, longer) or search
+        if method == GUIDE and search.runs:
+            longer.append((part, search.runs[-1]))
     return failure
 
 
@@ -119,6 +124,23 @@ def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
         coarse = fine
         n_steps *= 2
     return False
+
+
+def _contradiction(search: Search, longer: Sequence[tuple[float, Run]]) -> str:
+    """Say why errors over a short part cannot be extrapolated, if a run over a longer part shows this.
+
+    With equal steps, the error of a regular motion grows at most with about the square of time.
+    """
+    short = search.pilots.part
+    for part, run in longer:
+        coarser = [each.seen_error for each in search.runs if each.n_steps / short <= run.n_steps / part]
+        largest = _FASTER * (part / short) ** 2 * min(coarser, default=math.inf)
+        if max(CONVERGING, largest) < run.seen_error < math.inf:
+            h, t = part * search.pilots.span / run.n_steps, part * search.pilots.span
+            return (
+                f"the error grows too fast with time (chaos): over {t:.3g}, it is {run.seen_error:.1e} with h = {h:.2g}"
+            )
+    return ""
 
 
 def _is_bounded(search: Search) -> bool:
