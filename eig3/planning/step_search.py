@@ -136,9 +136,10 @@ def _contradiction(search: Search, longer: Sequence[tuple[float, Run]]) -> str:
         coarser = [each.seen_error for each in search.runs if each.n_steps / short <= run.n_steps / part]
         largest = _FASTER * (part / short) ** 2 * min(coarser, default=math.inf)
         if max(CONVERGING, largest) < run.seen_error < math.inf:
-            h, t = part * search.pilots.span / run.n_steps, part * search.pilots.span
+            t = part * search.pilots.span
             return (
-                f"the error grows too fast with time (chaos): over {t:.3g}, it is {run.seen_error:.1e} with h = {h:.2g}"
+                f"the error grows too fast with time (chaos): over {t:.3g} time units, it is {run.seen_error:.1e} with "
+                f"h = {t / run.n_steps:.2g}"
             )
     return ""
 
