@@ -318,14 +318,14 @@ class _Search:
             return value * _SHORTEN if is_unstable and self._may_run(seconds / _SHORTEN) else None
         miss = max(self.goal.misses(solution).values())
         self.reached = miss <= 1
-        if self.runs and miss > LEAST_GAIN * min(self.runs, key=_miss)[0]:
+        if self.runs and miss > LEAST_GAIN * min(before for before, _ in self.runs):
             self._stalled += 1
         self.runs.append((miss, solution))
         least = LEAST if self.knob == "rtol" else 0.0
         if self.reached:
             return None
         if self._stalled >= MOST_STALLED or value <= least:
-            self._reason = why(solution.error)
+            self._reason = ""
             return None
         order = 1.0 if self.knob == "rtol" else max(1.0, solution.order or solution.method.order)
         factor = min(0.5, max(LARGEST_CHANGE, (AIM / miss) ** (1 / order)))
@@ -338,21 +338,24 @@ class _Search:
         return not late and self._count < MOST_RUNS
 
     def best(self) -> Solution:
-        """Return the run with the smallest error, with the reason why the accuracy is not reached."""
-        _, solution = min(self.runs, key=_miss)
+        """Return the run with the smallest error, with the reason why the accuracy is not reached.
+
+        In chaos, all errors are as large as the motion: then it is the run whose digits are right for the longest time.
+        """
+        _, solution = min(self.runs, key=lambda run: (-_right_until(run[1]), run[0]))
         misses = self.goal.misses(solution)
         name = max(misses, key=lambda each: misses[each])
-        wanted = self.goal.wanted[name]
+        wanted, reason = self.goal.wanted[name], self._reason or why(solution.error)
         solution.status = Status.ACCURACY_NOT_REACHED
         solution.message = (
-            f"The accuracy {wanted:g} of {name} is not reached, because {self._reason}: the estimated error is "
+            f"The accuracy {wanted:g} of {name} is not reached, because {reason}: the estimated error is "
             f"{misses[name] * wanted:.2g}."
         )
         return solution
 
 
-def _miss(run: tuple[float, Solution]) -> float:
-    return run[0]
+def _right_until(solution: Solution) -> float:
+    return math.inf if solution.reliable_until is None else solution.reliable_until
 
 
 def why(error: Any) -> str:
