@@ -229,19 +229,19 @@ class Balance:
 
     def summary(self) -> str:
         """Describe the energy at both ends, and the largest change of the energy minus the work."""
-        energy, work, unit = self.energy, self.work, self.unit
+        energy, work, unit = self.energy, self.work, "" if self.unit == "-" else f" {self.unit}"
         change = energy if work is None else energy - work
         unexplained = np.abs(change - change[0]).max()
         lines = [
-            f"  energy: {energy[0]:.6g} {unit} at the start, {energy[-1]:.6g} {unit} at the end, "
-            f"between {energy.min():.6g} and {energy.max():.6g} {unit}"
+            f"  energy: {energy[0]:.6g}{unit} at the start, {energy[-1]:.6g}{unit} at the end, "
+            f"between {energy.min():.6g} and {energy.max():.6g}{unit}"
         ]
         if work is None:
-            lines.append(f"  change of energy: at most {unexplained:.3g} {unit}; the exact solution keeps its energy")
+            lines.append(f"  change of energy: at most {unexplained:.3g}{unit}; the exact solution keeps its energy")
         else:
             lines.append(
-                f"  work done: {work[-1]:.6g} {unit} at the end, between {work.min():.6g} and {work.max():.6g} {unit}; "
-                f"change of energy minus work: at most {unexplained:.3g} {unit}"
+                f"  work done: {work[-1]:.6g}{unit} at the end, between {work.min():.6g} and {work.max():.6g}{unit}; "
+                f"change of energy minus work: at most {unexplained:.3g}{unit}"
             )
         return "\n".join(lines)
 

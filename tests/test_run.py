@@ -311,3 +311,11 @@ def test_a_run_that_is_interrupted_before_it_begins_ends_the_command(monkeypatch
     monkeypatch.setattr("eig3.stepping.march.evaluation", interrupted)
     assert main(["run", "duffing", "--h", "0.1", "--t-end", "1"]) == 130
     assert capsys.readouterr().err == "\nInterrupted.\n"
+
+
+def test_a_balance_without_units_has_none_in_its_words():
+    balance = Balance(np.arange(2.0), np.array([0.5, 0.25]), np.array([0.0, -0.25]), "-")
+    assert balance.summary().splitlines() == [
+        "  energy: 0.5 at the start, 0.25 at the end, between 0.25 and 0.5",
+        "  work done: -0.25 at the end, between -0.25 and 0; change of energy minus work: at most 0",
+    ]
