@@ -808,7 +808,7 @@ def below_bound_of_two(t, u, v, p):
 
 @eig3.jit
 def two_springs(t, u, v, p, a):
-    a[0], a[1] = -p[0] * u[0], -p[0] * u[1] + 0.1 * u[0]
+    a[0], a[1] = -p[0] * u[0], -p[0] * u[1] + 0.1 * u[0] - 0.01 * v[1]
 
 
 @pytest.mark.parametrize(
