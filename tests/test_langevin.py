@@ -334,7 +334,7 @@ def test_noise_is_for_coordinates_and_spins_only(tmp_path):
     disc, mass = scene.mass(2.0, (1.0, 0.0), inertia=0.5), scene.mass(3.0, (2.0, 0.0))
     scene.add(BreakingString(10.0, 0.9, 1e9), disc, mass)
     problem = scene.problem((0.0, 5.0))
-    run = problem.integrate(h=0.05, method=eig3.Langevin(gamma=1.0, temperature=1.0))
+    run = problem.integrate(h=0.05, method=eig3.Langevin(gamma=1.0, temperature=1.0), events={})
     assert run.method.mass == (2.0, 3.0, 2.0, 3.0, 0.5, math.inf, math.inf)
     assert (run.u[1:, :5] != run.u[:-1, :5]).all()
     assert not run.u[:, 5:].any()
