@@ -755,16 +755,6 @@ def test_a_problem_has_ensembles():
         problem.ensemble(u0=u0, h=0.01, t_span=(0, 1))
 
 
-def test_a_scene_follows_its_work_in_an_ensemble():
-    problem = eig3.problems.shear_building(t_end=2.0, work=True)
-    params = np.tile(problem.params, (3, 1))
-    solution = problem.ensemble(params=params, h=1e-3, save_every=100)
-    alone = problem.integrate(h=1e-3, save_every=100)
-    assert solution.u.shape == (3, 21, 3)
-    for name, values in alone.z.items():
-        np.testing.assert_allclose(solution[1].z[name], values, rtol=1e-9, atol=1e-9 * np.abs(values).max())
-
-
 def test_the_parameters_of_a_problem_are_shared_by_any_number_of_members():
     """Also by one member, or by as many as there are parameters: the compiler fuses the same multiply-adds."""
     problem = eig3.problems.duffing(t_end=5.0)
