@@ -360,7 +360,7 @@ def running_away(t, u, v, p):
     ("build", "methods", "expected"),
     [
         (falling_cloth, ["eig3", "cd", "rk4"], "has a stable step"),
-        (lambda: problems.double_pendulum(t_end=20.0), OF_EACH_KIND, "has a stable step"),
+        (lambda: problems.double_pendulum(t_end=20.0), OF_EACH_KIND[:-1], "has a stable step"),
         (lambda: problems.damped_bar(n=80, t_end=2e-4), OF_EACH_KIND, "has a stable step"),
         (
             lambda: eig3.Problem("infinite", running_away, 1.0, 1.0, (), (0.0, 10.0)),
