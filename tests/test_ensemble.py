@@ -144,7 +144,7 @@ def test_members_of_several_degrees_of_freedom_are_runs_alone(method):
 @pytest.mark.parametrize("method", ["bm6", "cd", "eig3"])
 def test_methods_without_velocity(method):
     """For a force that ignores v, "cd" is explicit, and the EIG methods leave out what serves only the velocity."""
-    u0, v0 = start(5, 2)
+    u0, v0 = start(5, 3)
     solution = eig3.ensemble(chain, (0, 5), u0, v0, params=stiffness(5), h=0.02, method=method)
     for i in range(5):
         alone = eig3.integrate(
