@@ -48,11 +48,17 @@ WITHOUT_VELOCITY = [eig3.EIG3(velocity="none"), eig3.CentralDifference(velocity=
 
 
 def pytest_sessionstart():
-    gc.set_threshold(10**6, 20, 100)  # a compiler makes millions of objects: collections took an eighth of the time
+    # a compiler makes millions of objects: collections took an eighth of the time; nearly all that survives one stays
+    gc.set_threshold(10**6, 1000, 1000)
 
 
 def pytest_collection_finish():
     gc.freeze()  # what is imported stays: collections need not visit it
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure():
+    gc.freeze()  # pytest has just visited what is left: the end of the process need not do it twice more
 
 
 @eig3.jit

@@ -57,6 +57,7 @@ def test_members_break_at_their_times(options):
     np.testing.assert_allclose(broken.t[1:], times[1:], rtol=0, atol=1e-5)
     alone = problem.with_(v0=[speeds[3], 0.0]).integrate(save_every=None, **options)
     np.testing.assert_allclose(members.u[3, -1], alone.u[-1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(members.z["work"][3, -1], alone.z["work"][-1], rtol=0, atol=1e-12)
 
 
 def test_a_brace_breaks_by_the_energy_that_it_absorbs(tmp_path):

@@ -118,7 +118,8 @@ def test_eig3_on_a_gyroscope_is_sent_to_others():
 def test_a_blow_up_by_weak_growth_is_named():
     """The step is below the one at which a root is -1, so that only the weak growth is left."""
     method, h = eig3.EIG(6), 0.9 / OMEGA
-    run = integrate(oscillator, (0, 30_000 * h), 1.0, 0.0, h=h, params=(OMEGA, 0.0), method=method)
+    span, given = (0, 30_000 * h), {"params": (OMEGA, 0.0), "method": method}
+    run = integrate(oscillator_vector, span, [1.0], [0.0], h=h, **given)
     assert run.status is eig3.Status.DIVERGED
     text = run.explain()
     assert (
@@ -128,7 +129,7 @@ def test_a_blow_up_by_weak_growth_is_named():
     assert said(r"weakly, by less than 1e-5 a step up to h = ([\d.]+) \(by ", text) == pytest.approx(
         practical, rel=1e-3
     )
-    again = integrate(oscillator, (0, 30_000 * h), 1.0, 0.0, h=practical, params=(OMEGA, 0.0), method=method)
+    again = integrate(oscillator_vector, span, [1.0], [0.0], h=practical, **given)
     assert again.success
     # it grows by 1e-5 a step
     assert np.abs(again.u).max() == pytest.approx(math.exp(1e-5 * again.n_steps), rel=0.02)
@@ -136,11 +137,11 @@ def test_a_blow_up_by_weak_growth_is_named():
 
 def test_a_growth_that_is_negligible_ends_no_run():
     """The energy grows by twice the growth of the motion. The note has two digits."""
-    Omega, method = 0.2, eig3.EIG(6)
+    Omega, method = 0.066, eig3.RK2()
     run = problems.single_dof().integrate(h=Omega / 4, method=method, save_every=None)
     expected = 2 * (spectral_radius(method, Omega) - 1) * run.n_steps
     assert math.log1p(noted_growth(run)) == pytest.approx(expected, rel=0.06)
-    assert problems.single_dof().integrate(h=Omega / 80, method=method, save_every=None).notes == ()
+    assert problems.single_dof().integrate(h=Omega / 400, method=method, save_every=None).notes == ()
 
 
 # Systems that are not linear -----------------------------------------------------------------------------------------
@@ -302,7 +303,7 @@ def test_growth_on_the_softening_spring_is_noted(method):
 # A force that reads the velocity, and high grades ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("grade", [5, 8])
+@pytest.mark.parametrize("grade", [5, 9])
 def test_a_high_grade_with_a_force_that_reads_the_velocity_is_noted(grade):
     """With the limit of the closed form, 0.114 for grade 9; not with a force that ignores the velocity."""
     method = eig3.EIG(grade)

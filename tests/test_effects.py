@@ -186,8 +186,7 @@ TOGETHER = [
     ["elastic plastic", "giuffre menegotto pinto", "multilinear", "breaking", "breaking string", "mass impact"],
     ["support motion", "sampled acceleration"],
     ["torque", "motor"],
-    ["cable", "damped cable"],
-    ["gap", "damped gap"],
+    ["cable", "damped cable", "gap", "damped gap"],
     ["plane contact", "hertz contact"],
     ["damped plane contact", "damped hertz contact"],
 ]

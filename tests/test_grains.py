@@ -228,7 +228,8 @@ def test_spheres_that_strike_each_other_have_the_restitution(is_fixed):
                 places, speeds = [(0, 0, 0), (sum(radii), 0, 0), (0, 9, 0)], [(speed, 0, 0), (0, 0, 0), (0, 0, 0)]
                 distances = 2 * np.array([*radii, R])
                 scene = of_three(np.array([*m, M]), places, speeds, E=E, contact_distance=distances, restitution=e)
-            run = scene.problem((0, 3 * duration)).integrate(h=duration / 500, method="rk4", save_every=None)
+            problem = scene.problem((0, 3 * duration), work=True)
+            run = problem.integrate(h=duration / 500, method="rk4", save_every=None)
             after = (0.0 if is_fixed else run.v[-1, 1]) - run.v[-1, 0]
             assert after == pytest.approx(e * speed, rel=1e-2)
 
@@ -265,8 +266,7 @@ def test_torques_balance_the_moments_of_forces():
     inertia, m = SPHERE * np.array([1.0, 2.0, 3.0]), M * np.array([1.0, 2.0, 3.0])
     speeds, spins, distances = rng.normal(size=(3, 3)), rng.normal(size=(3, 3)) * 5, 2 * R * np.array([1.0, 1.02, 0.97])
     scene = of_three(m, x, speeds, spins, contact_distance=distances, restitution=0.7)
-    problem = scene.problem((0, 1))
-    stepper = problem.stepper(h=1e-6, method="rk4")
+    stepper = scene.problem((0, 1), work=True).stepper(h=1e-6, method="rk4")
     stepper.advance(200)
     a = stepper.acceleration(stepper.t + 3e-7, stepper.u, stepper.v)
     forces, torques = a[:9].reshape(3, 3).T * m[:, None], a[9:].reshape(3, 3).T * inertia[:, None]
@@ -348,10 +348,7 @@ def test_runs_and_members_of_an_ensemble_have_springs_of_their_own():
 
 def test_grains_that_part_and_meet_again_have_a_new_spring():
     """The second contact does what the first does, whatever was before: a table has the last contacts only."""
-    scene = Scene(2)
-    pair = scene.mass(M, [[0, 0], [0.195, 0.0]], [[0, 0], [0.0, 0.4]], inertia=SPHERE)
-    scene.add(hertz_mindlin(), pair)
-    problem = scene.problem((0.0, 0.01))
+    problem = of_two([[0, 0], [0.195, 0.0]], [[0, 0], [0.0, 0.4]], 0.0).problem((0.0, 0.01))
     stepper = problem.stepper(h=1e-5)
     apart = np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
     stepper.advance(20)

@@ -70,9 +70,9 @@ def test_each_degree_of_freedom_has_its_mass_and_its_numbers(tmp_path):
     run = eig3.integrate(harmonic_vector, (0, 20), np.ones(3), np.zeros(3), h=0.2, method=method)
     expected = by_hand(method, np.negative, np.ones(3), np.zeros(3), 0.2, 100)
     np.testing.assert_allclose([run.u[-1], run.v[-1]], expected, rtol=0, atol=1e-12)
-    saved = eig3.Langevin(gamma=0.7, temperature=0.5, mass=np.array([1, 2]), seed=np.int64(4))
-    run = eig3.integrate(harmonic_vector, (0, 1), np.ones(2), np.zeros(2), h=0.125, method=saved)
-    assert eig3.load(run.save(tmp_path / "run")).method == saved == eig3.Langevin(0.7, 0.5, (1.0, 2.0), 4)
+    saved = eig3.Langevin(gamma=0.7, temperature=0.5, mass=np.array([1, 2, 3]), seed=np.int64(4))
+    run = eig3.integrate(harmonic_vector, (0, 1), np.ones(3), np.zeros(3), h=0.125, method=saved)
+    assert eig3.load(run.save(tmp_path / "run")).method == saved == eig3.Langevin(0.7, 0.5, (1.0, 2.0, 3.0), 4)
     with pytest.raises(ValueError, match=r"^mass must be a number, or 2 of them for 2 degrees of freedom, not "):
         eig3.integrate(harmonic_vector, (0, 20), np.ones(2), np.zeros(2), h=0.2, method=method)
 
@@ -214,10 +214,10 @@ def test_a_member_that_diverges_does_not_change_the_others():
 
 
 def test_degrees_of_freedom_in_lanes_have_their_masses():
-    method = eig3.Langevin(gamma=1.0, temperature=0.5, mass=(0.5, 4.0), seed=3)
-    runs = eig3.ensemble(harmonic_vector, (0, 20), np.zeros((20, 2)), np.zeros(2), h=0.125, method=method)
+    method = eig3.Langevin(gamma=1.0, temperature=0.5, mass=(0.5, 1.0, 4.0), seed=3)
+    runs = eig3.ensemble(harmonic_vector, (0, 20), np.zeros((20, 3)), np.zeros(3), h=0.125, method=method)
     assert not runs.notes
-    alone = eig3.integrate(harmonic_vector, (0, 20), np.zeros(2), np.zeros(2), h=0.125, method=runs[3].method)
+    alone = eig3.integrate(harmonic_vector, (0, 20), np.zeros(3), np.zeros(3), h=0.125, method=runs[3].method)
     np.testing.assert_allclose(runs.u[3, -1], alone.u[-1], rtol=0, atol=1e-12)
 
 
@@ -334,7 +334,7 @@ def test_noise_is_for_coordinates_and_spins_only(tmp_path):
     disc, mass = scene.mass(2.0, (1.0, 0.0), inertia=0.5), scene.mass(3.0, (2.0, 0.0))
     scene.add(BreakingString(10.0, 0.9, 1e9), disc, mass)
     problem = scene.problem((0.0, 5.0))
-    run = problem.integrate(h=0.05, method=eig3.Langevin(gamma=1.0, temperature=1.0))
+    run = problem.integrate(h=0.05, method=eig3.Langevin(gamma=1.0, temperature=1.0), events={})
     assert run.method.mass == (2.0, 3.0, 2.0, 3.0, 0.5, math.inf, math.inf)
     assert (run.u[1:, :5] != run.u[:-1, :5]).all()
     assert not run.u[:, 5:].any()

@@ -215,7 +215,7 @@ def test_opposite_charges_limit_the_step():
         scene.add(coulomb, ends)
         return scene.problem((0.0, 10.0)).critical_step().limit
 
-    limit = pair(Coulomb(-30.0, 0.4, 2.5))
+    limit = pair(Coulomb(-30.0, 0.4, 2.5, charges=(1.0, 1.0)))
     assert pair(Coulomb(30.0, 0.4, 2.5, charges=(1.0, -1.0))) == pytest.approx(limit, rel=1e-6)
     assert pair(Coulomb(30.0, 0.4, 2.5, charges=(1.0, 1.0))) > 1.1 * limit
 

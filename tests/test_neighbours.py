@@ -341,7 +341,7 @@ def test_a_list_that_outgrows_its_memory_misses_nothing():
         scene.add(contact(contact_distance=1.0, damping=0.0), points, neighbor_capacity=room)
         scene.add(effects.LinearSpring(1.0), points, scene.fixed((0.0, 0.0)))
         problem = scene.problem((0.0, 3.0))
-        found.append(problem.integrate(h=1e-2))
+        found.append(problem.integrate(h=1e-2, invariants={}))
         place = np.flatnonzero(problem.params == 100)[0]
         energies.append(in_python(problem.energy)(0.0, found[0].u[150], found[0].v[150], problem.params.copy()))
         params = problem.params.copy()

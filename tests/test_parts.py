@@ -120,8 +120,8 @@ CASES = {
     "vector form": lambda **o: eig3.ensemble(
         springs, (0, 10), np.ones((300, 2)), np.zeros(2), h=0.01, params=2.0, save_every=20, **o
     ),
-    "tolerances in lanes": lambda **o: free(h=None, rtol=1e-6, events={"low": eig3.Event(below)}, **o),
-    "own times": lambda **o: free(h=None, rtol=1e-5, save_every=2, **o),
+    "tolerances in lanes": lambda **o: free(h=None, rtol=1e-6, method="rk5", events={"low": eig3.Event(below)}, **o),
+    "own times": lambda **o: free(h=None, rtol=1e-5, method="rk5", save_every=2, **o),
     "events": lambda **o: free(events={"low": eig3.Event(below), "end": eig3.Event(far, terminal=True)}, **o),
     "one at a time": lambda **o: free(h=0.1, params=STIFFNESS[:200], method=eig3.CentralDifference(), **o),
 }

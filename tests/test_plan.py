@@ -271,7 +271,7 @@ def test_a_load_that_begins_later_is_seen():
     At its critical step its error is far below 1e-3, and no method takes fewer evaluations there.
     """
     problem = building(n=200, omega=3000.0, t_end=20.0, silent=6.0)
-    plan = eig3.plan(problem, 1e-3)
+    plan = eig3.plan(problem, 1e-3, methods=ANY_FORCE)
     assert plan.window == (0.0, 20.0)
     check_cost(plan, 20.0 / problem.critical_step(method="eig3").limit)
     check_runs(plan, h=2.5e-4)
@@ -372,7 +372,7 @@ def running_away(t, u, v, p):
     ("build", "methods", "expected"),
     [
         (falling_cloth, ["eig3", "cd", "rk4"], "has a stable step"),
-        (lambda: problems.double_pendulum(t_end=20.0), OF_EACH_KIND, "has a stable step"),
+        (lambda: problems.double_pendulum(t_end=20.0), OF_EACH_KIND[:-1], "has a stable step"),
         (lambda: problems.damped_bar(n=80, t_end=2e-4), OF_EACH_KIND, "has a stable step"),
         (
             lambda: eig3.Problem("infinite", running_away, 1.0, 1.0, (), (0.0, 10.0)),
@@ -572,7 +572,7 @@ def test_a_users_method_breaks_no_plan():
             order: ClassVar[int] = 2
 
         assert "broken" in eig3.METHODS
-        plan = eig3.plan(problems.single_dof(t_end=10.0), 1e-2)
+        plan = eig3.plan(problems.single_dof(), 1e-6)  # as in another test, which compiles few methods
     finally:
         del eig3.METHODS["broken"]
     assert {p.method.name for p in plan.predictions} == set(LIBRARY)
