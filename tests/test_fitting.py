@@ -346,6 +346,21 @@ def test_the_time_steps_shift_the_parameters_by_their_error(steps):
     assert "shift" not in noisy.message
 
 
+@eig3.jit
+def with_a_stop(t, u, v, p):
+    return 0.3 * np.cos(t) - 0.1 * v - p.k * u - (p.stop * (u - 0.3) if u > 0.3 else 0.0)
+
+
+@pytest.mark.parametrize("steps", [{"rtol": 1e-6}, {"rtol": 1e-10, "atol": 1e-6}])
+def test_a_fit_with_tolerances_finds_the_parameters_of_a_motion_with_kinks(steps):
+    """Other parameters have other steps, which change u by its error, up to 3e-5; the first values change it by 0.7."""
+    problem, t = eig3.Problem("stop", with_a_stop, 1.0, 0.0, {"k": 1.0, "stop": 30.0}, (0, 20)), np.linspace(0, 20, 101)
+    data = t, problem.integrate(rtol=1e-11, t_eval=t).u
+    result = eig3.fit(problem, data, {"k": 1.1, "stop": 27.0}, **steps)
+    assert result.values["k"] == pytest.approx(1.0, abs=1e-3)
+    assert result.values["stop"] == pytest.approx(30.0, rel=1e-3)
+
+
 def test_a_fit_takes_several_series_with_times_of_their_own():
     times = {
         "low": np.linspace(0, 4, 40),

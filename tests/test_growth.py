@@ -127,6 +127,21 @@ def test_a_contact_far_from_the_start_is_left_alone():
     assert run.success
 
 
+@pytest.mark.parametrize(("h", "steps"), [(0.05, 6), (0.125, 4)])
+def test_a_run_past_the_end_of_its_solution_diverges(h, steps):
+    """u'' = 60 u^3 from rest at u = 1 is unbounded at t = 1.3110 / sqrt(30) = 0.239; no step limits its growth."""
+    run = integrate(quartic, (0, steps * h), 1.0, 0.0, h=h, method="rk4")
+    members = eig3.ensemble(quartic, (0, steps * h), [1.0], 0.0, h=h, method="rk4")
+    assert run.status is members.status[0] is eig3.Status.DIVERGED
+    assert "the solution itself may be unbounded" in run.explain()
+    assert integrate(quartic, (0, 0.2), 1.0, 0.0, h=0.05, method="rk4").success
+
+
+@eig3.jit
+def quartic(t, u, v, p):
+    return 60 * u**3
+
+
 def test_what_is_found_at_the_end_costs_no_run_that_stays_small(monkeypatch):
     monkeypatch.setattr(eig3.run.fixed_run, "find_blow_up", None)
     assert integrate(spring, (0, 400), 1.0, 0.0, h=0.5, params=1.0).success

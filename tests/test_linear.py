@@ -334,6 +334,7 @@ CHANGED = {
     r"params\['m'\] must have 6 masses, not 5": {"m": M[:5]},
     r"params\['K'\] must have the shape \(6, 6\), not \(4, 4\)": {"K": scipy.sparse.csr_array(stiffness(4))},
     r"params\['link_0_stiffness'\] must have a value for each of 1 links, not 2": {"link_0_stiffness": [1.0, 2.0]},
+    r"params\['link_0_second'\] must be numbers from 0 to 5, or -1": {"link_0_second": [6]},
     "params are of a structure with 5 degrees of freedom, and not 6": {"size": 5},
 }
 
@@ -364,6 +365,12 @@ def test_parameters_beside_the_function_of_a_structure_are_checked_too():
     for call, u0 in ((eig3.integrate, np.zeros(6)), (eig3.ensemble, np.zeros((3, 6)))):
         with pytest.raises(ValueError, match="ground must have a finite value for each of its 11"):
             call(loaded().rhs, (0, 1), u0, np.zeros(6), **given)
+
+
+def test_the_parameters_of_each_member_are_checked():
+    other = loaded().params._replace(link_0_second=[6])
+    with pytest.raises(ValueError, match=r"params\['link_0_second'\] must be numbers from 0 to 5"):
+        loaded().ensemble(params=[loaded().params, other], h=0.01)
 
 
 def test_the_events_of_links_need_the_parameters_of_their_problem():

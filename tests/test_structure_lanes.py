@@ -132,6 +132,15 @@ def test_each_member_may_have_its_own_record_and_does_not_depend_on_the_others()
     np.testing.assert_array_equal(np.concatenate(parts), members.u)
 
 
+def test_a_member_alone_with_shared_parameters_runs_in_lanes_too():
+    """Bit by bit: a member alone shares its parameters, as many members do."""
+    problem = structure("work")
+    u0 = np.multiply.outer(SCALES, M) / 100
+    members, alone = problem.ensemble(u0=u0, h=0.01), problem.ensemble(u0=u0[7:8], h=0.01)
+    assert alone.notes == ()
+    np.testing.assert_array_equal(alone.u[0], members.u[7])
+
+
 def test_a_first_passage_ends_members_in_lanes():
     problem, events = structure("function"), {"passage": eig3.Event(passes, terminal=True)}
     h = np.linspace(0.008, 0.01, 40)

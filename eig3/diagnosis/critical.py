@@ -386,7 +386,7 @@ def _coupled_limit(method: Method, system: Linearised, allowed: float) -> tuple[
         middle = math.sqrt(low * high)
         low, high = (middle, high) if is_stable(middle) else (low, middle)
     # As in `first_exit`: a method that grows at every step also exceeds the tolerance, but not steeply. Several steps
-    # are # tried, because the system can be stable again just beyond a limit.
+    # are tried, because the system can be stable again just beyond a limit.
     steep = [h for h in (_BEYOND * high).tolist() if not is_stable(h, 2 * _COUPLED_ROUND_OFF)]
     shape = _limiting_shape(method, system, max(steep, default=high))
     k, c = (complex(shape.conj() @ x @ shape) for x in (system.K, system.C))

@@ -173,7 +173,8 @@ def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
 
     A motion can grow for a physical reason: it leaves an unstable equilibrium, it is in resonance, or it falls freely.
     Then h is below the critical step. If the method is unstable at every step, there is no critical step. The step is
-    then the reason only if the motion grew much faster than the linearised system.
+    then the reason only if the motion grew much faster than the linearised system. Whatever the linearised system says,
+    the step is the reason if half of it leads to a motion of another size: an unbounded solution has no size.
 
     Parameters
     ----------
@@ -184,19 +185,25 @@ def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
     """
     start = stepper.restarted(stepper.h)
     sane = last_sane(before, stepper.index, start)
-    if all(stepper.index * _growth_by_step(at) < 1 for at in (start, sane)):
+    if all(stepper.index * _growth_by_step(at) < 1 for at in (start, sane, stepper)):
         return None
     steps, unstable = _critical_steps(start, sane)
     limits = [step.limit for _, step in steps]
-    growth = _size(stepper) / (_size(start) or 1.0)
+    size, growth = _size(stepper), _size(stepper) / (_size(start) or 1.0)
+    why = _comparison(stepper, steps) or unstable
     if unstable:
         own_growth = max(_own_rate(start), _own_rate(sane)) * (stepper.t - stepper.t0)
         guilty = math.log(growth) > 2 * own_growth + math.log(_BLOWN_UP)
     else:
         guilty = any(stepper.h > limit for limit in limits)
-    if not guilty or (limits and _grows_anyway(stepper, _SAFETY * min(limits))):
-        return None
-    return BlowUp(stepper, growth, sane.t, _comparison(stepper, steps) or unstable, limits)
+    if guilty and limits:  # a critical step is wrong where a motion from rest is so small that rhs rounds differences
+        guilty = not size / _BLOWN_UP < _size_with(stepper, _SAFETY * min(limits)) < math.inf
+    if not guilty:
+        half, limits = stepper.h / 2, limits or [stepper.h]
+        finer = _size_with(stepper, half)
+        guilty = finer > _BLOWN_UP * size or size > _BLOWN_UP * finer
+        why = f"its largest u or v at the end is {size:.2g}, and {finer:.2g} with h = {half:g}"
+    return BlowUp(stepper, growth, sane.t, why, limits) if guilty else None
 
 
 def _growth_by_step(stepper: Stepper) -> float:
@@ -209,20 +216,19 @@ def _growth_by_step(stepper: Stepper) -> float:
         return math.inf
 
 
-def _grows_anyway(stepper: Stepper, h: float) -> bool:
-    """Return whether a motion grows as much with a stable step h.
-
-    A critical step is wrong where a motion from rest is so small that rhs rounds off its differences.
-    """
+def _size_with(stepper: Stepper, h: float) -> float:
+    """Return the size of the motion at the end with another step; NaN if that takes too long, or the run ends early."""
     n_steps = math.ceil((stepper.t - stepper.t0) / h)
     if n_steps > max(_PATIENCE * stepper.index, _LEAST_WORK / (10 + np.size(stepper.u))):
-        return False
+        return math.nan
     trial = stepper.restarted(h)
     try:
         taken = trial.advance(n_steps)
     except Exception:  # rhs failed
-        return False
-    return taken == n_steps and trial.is_finite and _size(trial) > _size(stepper) / _BLOWN_UP
+        return math.nan
+    if not trial.is_finite:
+        return math.inf
+    return _size(trial) if taken == n_steps else math.nan
 
 
 def last_sane(before: Stepper, bad_index: int, start: Stepper) -> Stepper:

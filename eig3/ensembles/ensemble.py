@@ -166,6 +166,8 @@ def ensemble(
     _refuse_parallel(rhs)
     flat, own_names = params if isinstance(params, OfMembers) else (params, ())
     members = check_members(rhs, t_span, u0, v0, flat, h, own_names)
+    if isinstance(params, OfMembers) and not own_names:  # shared, also by a single member
+        members = replace(members, params=members.params.reshape(-1))
     try:
         options = run_options(
             bound_layout(rhs),  # the function of a problem is already bound

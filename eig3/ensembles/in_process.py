@@ -118,7 +118,7 @@ class Run:
             bar.add(len(work))
 
     def _march_in_threads(self, stop: Stop, bar: Progress) -> None:
-        # Waiting for thousands of futures is slow. A `SimpleQueue` may wait for ever after a signal: the rest of # its
+        # Waiting for thousands of futures is slow. A `SimpleQueue` may wait for ever after a signal: the rest of its
         # timeout can then be negative, which means no timeout (CPython 3.11).
         done = Queue[Future]()
         with ThreadPoolExecutor(self.threads) as pool:

@@ -30,11 +30,11 @@ class OfMembers(NamedTuple):
     flat : ndarray, shape (m, k) or (1, k)
         The array p of each member, or of all members.
     own : tuple of str
-        The names of the parameters with a value for each member; empty if they are not known.
+        The names of the parameters with a value for each member.
     """
 
     flat: np.ndarray
-    own: tuple[str, ...] = ()
+    own: tuple[str, ...]
 
 
 def of_members(changes: Any, base: Parameters) -> OfMembers:
@@ -60,7 +60,7 @@ def of_members(changes: Any, base: Parameters) -> OfMembers:
             raise ValueError(
                 "params must have arrays of the same sizes for all members: take an ensemble for each size."
             )
-        return OfMembers(np.array(rows))
+        return OfMembers(np.array(rows), layout.names)
     table = changes if isinstance(changes, Table) else table_of(changes)
     given = _as_dict(changes) if table is None else table
     each: dict[str, np.ndarray] = {}

@@ -196,7 +196,7 @@ def fit(
 def _minimise(model: Model, first: np.ndarray, lengths: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]) -> Any:
     """Return SciPy's result, with all parameters in x, and J for the free parameters, scaled by their sizes."""
     least_squares, (low, high) = _least_squares(), bounds
-    free = low < high
+    free, noise = low < high, model.noise(first)
     ends = low[free] / lengths[free], high[free] / lengths[free]
 
     def values(q: np.ndarray) -> np.ndarray:
@@ -207,13 +207,30 @@ def _minimise(model: Model, first: np.ndarray, lengths: np.ndarray, bounds: tupl
     def residuals(q: np.ndarray) -> np.ndarray:
         return model.residuals(values(q)) / model.size  # q and the residuals have the size 1
 
+    def slopes(q: np.ndarray, behind: float = 0.0, ahead: float = noise ** (1 / 2)) -> np.ndarray:
+        """Return the differences between q + ahead and q - behind, moved to within the bounds, of each parameter."""
+        columns, middle = [], residuals(q)
+        for i in range(q.size):
+            pair = np.array([q, q])
+            pair[:, i] += min(ahead, ends[1][i] - q[i]) - ahead + np.array([-behind, ahead])
+            pair[:, i] = np.maximum(pair[:, i], ends[0][i])
+            below, above = (middle if (x == q).all() else residuals(x) for x in pair)
+            columns.append((above - below) / (pair[1, i] - pair[0, i]))
+        return np.column_stack(columns)
+
     try:
         with np.errstate(invalid="ignore"):  # from infinite residuals
             result = least_squares(
-                residuals, first[free] / lengths[free], bounds=ends, ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_NO_GRADIENT
+                residuals,
+                first[free] / lengths[free],
+                slopes,
+                bounds=ends,
+                ftol=_TOLERANCE,
+                xtol=_TOLERANCE,
+                gtol=_NO_GRADIENT,
             )
             if is_doubtful(result.jac):
-                result.jac = least_squares(residuals, result.x, jac="3-point", bounds=ends, max_nfev=1).jac
+                result.jac = slopes(result.x, *[noise ** (1 / 3)] * 2)
     except ValueError:  # from infinite residuals near a point
         model.raise_failure()
         raise

@@ -13,8 +13,8 @@ _RELATIVE = 2.0**-12  # step of a difference, relative to the value: a run of 10
 _UNIT = float(np.finfo(np.float64).eps)
 
 
-# Central differences D(d) and D(2 d) from values at these multiples of d: by Richardson extrapolation, # (4 D(d) - D(2
-# d)) / 3 has the order 4. The weights apply to differences from the value in the middle.
+# Central differences D(d) and D(2 d) from values at these multiples of d: by Richardson extrapolation,
+# (4 D(d) - D(2 d)) / 3 has the order 4. The weights apply to differences from the value in the middle.
 _OFFSETS = -2, -1, 1, 2
 _WEIGHTS = 1 / 12, -8 / 12, 8 / 12, -1 / 12
 _SPREAD = 1 / 4, -1 / 2, 1 / 2, -1 / 4  # of the difference between D(d) and D(2 d)

@@ -78,6 +78,8 @@ def check_together(params: Any, n: int) -> None:
         count = len(has[f"{link[0]}first"]) if link else 0
         if link and len(values) != count:
             raise ValueError(f"params[{name!r}] must have a value for each of {count} links, not {len(values)}.")
+        if link and name[link.end() :] in ("first", "second") and not ((values >= -1) & (values < n)).all():
+            raise ValueError(f"params[{name!r}] must be numbers from 0 to {n - 1}, or -1 for the ground.")
 
 
 def tables(rows: np.ndarray, layout: Any) -> list[Table]:
