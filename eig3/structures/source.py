@@ -14,11 +14,11 @@ from typing import Any
 
 import numba
 
-from ..effects.sampled_motion import interval
 from ..functions.callbacks import jit, without_runtime
 from ..kernels.compile.jit import element
 from ..kernels.compile.numba_internals import flat
 from ..kernels.compile.source import Writer, define
+from ..kernels.table import interval
 from . import links
 from .factors import solution
 from .links import Kind
