@@ -77,6 +77,16 @@ def test_every_record_is_hashable_and_describes_itself():
         assert method.order in range(2, 13)
 
 
+def test_a_record_has_the_evaluations_of_its_kernel():
+    class Variant(eig3.Method):
+        kernel = "eig3.kernels.methods.rk4"
+        label = "variant"
+        order = 4
+
+    assert (Variant().evaluations, Variant().is_implicit) == (4, False)
+    assert "4 evaluations a step" in eig3.stability.explain(Variant())
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
