@@ -97,12 +97,14 @@ def brief(value: Any) -> str:
     """Return a value in few words: long arrays by their shape, functions by their name, dictionaries by their keys."""
     if value is None or isinstance(value, str):
         return value or ""
+    if hasattr(value, "indptr"):
+        return f"sparse matrix of {' x '.join(map(str, value.shape))}"
     if hasattr(value, "_asdict"):
         return ", ".join(f"{name} = {brief(x)}" for name, x in value._asdict().items())
     if callable(value):
         return getattr(value, "__name__", type(value).__name__) if value else ""
     if isinstance(value, Mapping):
-        return ", ".join(value)
+        return ", ".join([*value][:_MOST]) + f" and {len(value) - _MOST} more" * (len(value) > _MOST)
     shape = value.shape if hasattr(value, "shape") else (len(value),) if hasattr(value, "__len__") else ()
     if math.prod(shape) > _MOST:
         return f"array of {' x '.join(map(str, shape))}"
