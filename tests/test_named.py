@@ -181,6 +181,18 @@ def test_integers_survive_a_file(tmp_path):
     np.testing.assert_array_equal(loaded.extend(0.2).u, run.extend(0.2).u)
 
 
+def test_functions_take_the_parameters_of_a_problem_in_calls_from_python():
+    """The function of the user gets the tuple, and the function of the problem the array."""
+    matrix = scipy.sparse.csr_array(np.array([[2.0, -1.0], [-1.0, 2.0]]))
+
+    @eig3.jit
+    def pull(t, u, v, p):
+        return -p.k * u - p.matrix.data[0]
+
+    problem = eig3.Problem("pull", pull, 1.0, 0.0, {"k": 3.0, "matrix": matrix}, (0, 1))
+    assert pull(0.0, 0.5, 0.0, problem.params) == problem.rhs(0.0, 0.5, 0.0, problem.params) == -3.5
+
+
 def test_steppers_critical_steps_and_plans():
     problem = make_problem(c=0.0).with_(events={})
     assert problem.critical_step().omega_max == pytest.approx(2.0, rel=1e-6)

@@ -417,6 +417,8 @@ class _BareFunction(CPUDispatcher):
         return self.keep(numba.njit(**options, **WITH_ROOTS)(self.py_func))
 
     def __call__(self, *args: Any, **options: Any) -> Any:
+        """Call the function; named parameters become what it gets in a run."""
+        args = tuple(x._as_argument_of(self) if hasattr(x, "_as_argument_of") else x for x in args)
         return self.for_python(*args, **options)
 
     def get_compile_result(self, sig: Any) -> Any:
