@@ -528,6 +528,7 @@ BAD_VALUES = [
     ({"data": (T[:2], U[:2])}, "data must hold at least 3 values for 2 parameters and their scatter"),
     ({"data": (T[1:2], U[:1]), "sigma": 1}, "data must hold at least 2 values for 2 parameters, not 1"),
     ({"data": {"w": (T, U)}}, r"data must have names of quantities, but there is no w: did you mean"),
+    ({"data": {"time": (T, T), "u": (T, U)}}, "data must have names of quantities, but there is no time: did you mean"),
     ({"data": {"u": (T, U), "v": (T, U)}}, "sigma must say how the series of data are weighted"),
     ({"data": {"u": (T, U)}, "sigma": {"v": 1}}, "sigma must have the standard deviation of u too"),
     ({"sigma": 0}, "sigma of u must be positive and finite"),
