@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -66,10 +65,6 @@ class Bodies(NamedTuple):
     @classmethod
     def none(cls) -> Bodies:
         return cls([], {}, [], {}, {}, {})
-
-    def snapshot(self) -> Bodies:
-        """Return a copy that does not change when the scene gets further points."""
-        return Bodies(*map(copy, self))
 
     def body_of(self, point: int) -> int | None:
         """Return the number of the body to which a point belongs, or None."""
