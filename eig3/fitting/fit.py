@@ -226,7 +226,8 @@ def _minimise(
         for i in range(len(q)):
             while True:
                 there = q.copy()
-                there[i] += steps[i] if q[i] + steps[i] <= ends[1][i] else -steps[i]
+                up, down = min(q[i] + steps[i], ends[1][i]), max(q[i] - steps[i], ends[0][i])
+                there[i] = up if up - q[i] >= q[i] - down else down
                 change = residuals(there) - here
                 if np.linalg.norm(change) >= _CLEAR * jump or steps[i] >= _LONG:
                     break
