@@ -226,8 +226,8 @@ def _minimise(
         for i in range(len(q)):
             while True:
                 there = q.copy()
-                up, down = min(q[i] + steps[i], ends[1][i]), max(q[i] - steps[i], ends[0][i])
-                there[i] = up if up - q[i] >= q[i] - down else down
+                above, below = ends[1][i] - q[i], q[i] - ends[0][i]
+                there[i] += min(steps[i], above) if above >= min(steps[i], below) else -min(steps[i], below)
                 change = residuals(there) - here
                 if np.linalg.norm(change) >= _CLEAR * jump or steps[i] >= _LONG:
                     break
@@ -237,8 +237,8 @@ def _minimise(
 
     steps, jac, jump = np.full(free.sum(), np.sqrt(rtol or 0.0)), "2-point" if rtol is None else derivatives, 0.0
     if rtol is not None:
-        q = first[free] / lengths[free]
-        jump = np.linalg.norm(np.nan_to_num(model.errors_of_steps(first, residuals(q) * model.size))) / model.size
+        of_steps = model.errors_of_steps(first, residuals(first[free] / lengths[free]) * model.size)
+        jump = float(np.linalg.norm(np.nan_to_num(of_steps))) / model.size
     limits = {"ftol": _TOLERANCE, "xtol": _TOLERANCE, "gtol": _NO_GRADIENT}
     try:
         with np.errstate(invalid="ignore"):  # from infinite residuals
