@@ -273,6 +273,7 @@ test_what_is_wrong_is_refused_in_a_sentence = refusals(
         "the links of this problem have no modes": lambda: eig3.structures.modal_solution(structure(), [1.0]),
     },
     {
+        r"links must be a list of \(link, first, second\), not LinearSpring": lambda: structure(LinearSpring(1.0)),
         r"links\[0\] must be \(link, first, second\) with a link of eig3.effects": lambda: structure(
             [LinearSpring(1.0)]
         ),
