@@ -39,6 +39,11 @@ def spring_of_array(t, u, v, p):
 
 
 @eig3.jit
+def pull_of_array(t, u, v, p):
+    return -p[0] * u
+
+
+@eig3.jit
 def energy(t, u, v, p):
     return v * v / 2 + p.k * u * u / 2
 
@@ -201,6 +206,24 @@ def test_steppers_critical_steps_and_plans():
     stepper.advance(300)
     assert stepper.u == eig3.integrate(spring, (0, 3), 1.0, 0.0, params=Spring(4.0, 0.1, 1), **H).u[-1]
     assert eig3.plan(problem, 1e-3, methods=["eig3"]).best.h > 0
+
+
+def test_a_controller_changes_the_parameters_of_a_stepper():
+    """As two prepared runs, of which the second has other parameters."""
+    stepper = eig3.Stepper(spring, 1.0, 0.0, h=0.01, params=Spring(4.0, 0.1, 1), method="rk4")
+    first = stepper.fork()
+    stepper.advance(10)
+    stepper.params = Spring(9.0, 0.1, 1)
+    stepper.advance(10)
+    run = eig3.prepare(spring, h=0.01, params=Spring(4.0, 0.1, 1), method="rk4")
+    before = run((0, 0.1), 1.0, 0.0, Spring(4.0, 0.1, 1))
+    after = run((0.1, 0.2), before.u[-1], before.v[-1], Spring(9.0, 0.1, 1))
+    assert stepper.u == pytest.approx(after.u[-1], rel=1e-14)  # of other roundings of t, which spring does not read
+    assert first.params.tolist() == [4.0, 0.1, 1.0]
+    with pytest.raises(TypeError, match="params must have power too"):
+        stepper.params = {"k": 1.0, "c": 0.0}
+    with pytest.raises(ValueError, match=r"params must keep their shape \(1,\), and not have \(2,\)"):
+        eig3.Stepper(pull_of_array, 1.0, 0.0, h=0.01, params=[1.0]).params = [1.0, 2.0]
 
 
 def test_a_jacobian_has_the_names():
