@@ -560,6 +560,8 @@ _FORMS = {
     for solver, forms in {"newton": ("cdnewton", "cdn"), "fixed-point": ("cdfixedpoint", "cdfp")}.items()
     for form in forms
 }
+#: The methods by the names that other packages give them, or to methods like them.
+_ELSEWHERE = {"verlet": "cd", "velocityverlet": "cd", "leapfrog": "cd", "dop853": "rk8", "tsit5": "rk5", "heun": "rk2"}
 _TOLERANCES = re.compile(r"(.+?)(?:,|\s)\s*(?:with\s+)?(?:tol\.?|tolerances|rtol.*)")
 
 
@@ -584,7 +586,8 @@ def named(text: str) -> tuple[Any, bool] | None:
 
 def nearest(text: str) -> list[str]:
     """Return the names of methods that are similar to a text, the nearest first."""
-    return difflib.get_close_matches(_letters(text), METHODS, n=3)
+    near = difflib.get_close_matches(_letters(text), [*METHODS, *_ELSEWHERE], n=3)
+    return list(dict.fromkeys(_ELSEWHERE.get(name, name) for name in near))
 
 
 def _letters(label: Any) -> str:

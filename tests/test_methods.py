@@ -148,6 +148,8 @@ def test_a_label_with_tolerances_is_a_name_with_rtol_and_is_refused_with_h(label
         ("eig14", {"eig4"}),
         ("RK-44", {"rk4"}),
         ("bm", {"bm6"}),
+        ("DOP853", {"rk8"}),
+        ("velocity verlet", {"cd"}),
     ],
 )
 def test_an_unknown_name_is_answered_by_the_nearest_ones(text, near):

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..functions.checks import check_index, check_params, reals, velocity_refused
 from ..functions.evaluation import accelerations
-from ..functions.guard import evaluation, guarded, not_finite
+from ..functions.guard import evaluation, guarded, not_finite, unwritten
 from ..functions.named import in_layout
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import (
@@ -424,17 +424,12 @@ class March:
 
         The check takes one evaluation, which `n_rhs` does not count.
         """
-        u, v, call = self.state[0], self.state[1], self.system.callback.call
+        u, v, callback = self.state[0], self.state[1], self.system.callback
         try:
-            a, (_, _, size) = evaluation(self.system.callback, self.form, t, u, v, self.params)
-            if math.isfinite(size):
-                return None
-            other = np.zeros(u.size)  # a value that rhs computes may be NaN too
-            call(t, u, v, self.params, other)
+            a, (_, _, size) = evaluation(callback, self.form, t, u, v, self.params)
+            return None if math.isfinite(size) else unwritten(callback, t, u, v, self.params, a)
         except Exception:  # rhs may fail at a time at which the method does not evaluate it
             return None
-        unwritten = np.flatnonzero(np.isnan(a) & (other == 0))
-        return int(unwritten[0]) if unwritten.size else None
 
     @property
     def pace(self) -> float | None:

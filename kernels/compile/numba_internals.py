@@ -1060,8 +1060,10 @@ def gist(error: Exception) -> str:
     text = str(error)
     if text == "compilation disabled":
         return "its decorator must not list signatures"
+    plain = re.search(r"Untyped global name '(\w+)':.*<class 'function'>", text)
     missing = re.search(r">>> (.*)", text)
     lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("Failed in")]
     where = re.search(r'File "[^"]*", line \d+', text)
     reason = f"Numba cannot do {missing[1]}" if missing else (lines or [type(error).__name__])[0].rstrip(".")
+    reason = f"it calls {plain[1]}, which must be decorated with @eig3.jit too" if plain else reason
     return f"{reason} ({where[0]})" if where else reason
