@@ -377,8 +377,8 @@ class Run:
         look, system = self.stepper.look, self.stepper.system
         found = look.occurrences() if look and system.form is VECTOR else {}
         return [
-            f"apply of events[{name!r}] changed nothing: write entries, such as v[0] = ..., because v = ... makes another "
-            "array."
+            f"apply of events[{name!r}] changed nothing: write entries, such as v[0] = ..., because v = ... makes "
+            "another array."
             for name, event in system.events.items()
             if type(event) is Event and event.apply and len(found.get(name, ())) and not len(found[name].jumps)
         ]
