@@ -41,8 +41,6 @@ class Method:
         The name in tables and pictures.
     order : int
         The order of convergence.
-    evaluations : int or None
-        Evaluations of the right-hand side per step; None if the number depends on an iteration.
     kernel : str
         The name of the module that holds the formulas. `eig3.kernels` describes what such a module contains.
     member : tuple
@@ -72,7 +70,6 @@ class Method:
     name: ClassVar[str]
     label: ClassVar[str]
     order: ClassVar[int]
-    evaluations: ClassVar[int | None] = 1
     kernel: ClassVar[str]
     member: ClassVar[tuple] = ()
     variable: ClassVar[str] = ""
@@ -100,6 +97,11 @@ class Method:
     def __setattr__(self, name: str, value: Any) -> None:
         kind = type(self).__name__  # runs are remembered by their options
         raise AttributeError(f"{kind} cannot set {name!r}: write the options as fields of a @dataclass(frozen=True).")
+
+    @property
+    def evaluations(self) -> int | None:
+        """Evaluations of the right-hand side per step, from the kernel; None if an iteration decides."""
+        return self.formulas.evaluations
 
     @property
     def is_implicit(self) -> bool:
@@ -323,7 +325,7 @@ class CentralDifference(_MayIgnoreVelocity):
         return 1 if self.velocity == "lagged" else 2
 
     @property
-    def evaluations(self) -> int | None:  # type: ignore[override]
+    def evaluations(self) -> int | None:
         return None if self.velocity in ("auto", "implicit") else 1
 
     def for_force(self, reads_velocity: bool, n: int) -> Method:
@@ -363,15 +365,15 @@ class _NamedAsClass(Method):
         super().__init_subclass__()
 
 
-class RK2(_NamedAsClass, order=2, evaluations=2):
+class RK2(_NamedAsClass, order=2):
     """RK2, Heun's method, which the article uses: two evaluations per step; unstable at every step without damping."""
 
 
-class RK3(_NamedAsClass, order=3, evaluations=3):
+class RK3(_NamedAsClass, order=3):
     """RK3, Kutta's third-order method: three evaluations per step; stable up to omega h = sqrt 3 without damping."""
 
 
-class RK4(_NamedAsClass, order=4, evaluations=4):
+class RK4(_NamedAsClass, order=4):
     """RK4, the classical Runge-Kutta method: four evaluations per step; stable up to omega h = 2 sqrt 2 undamped."""
 
 
@@ -383,19 +385,19 @@ class AB3(_NamedAsClass, order=3):
     """AB3, Adams-Bashforth of third order: one evaluation per step; stable up to omega h = 0.7236 without damping."""
 
 
-class RK5(_NamedAsClass, order=5, evaluations=6, variable="rk5"):
+class RK5(_NamedAsClass, order=5, variable="rk5"):
     """RK5, the fifth-order formula of Tsitouras' pair 5(4), with six evaluations per step."""
 
 
-class RK8(_NamedAsClass, order=8, evaluations=12, variable="rk8"):
+class RK8(_NamedAsClass, order=8, variable="rk8"):
     """RK8, the eighth-order formula of Dormand and Prince's DOP853, with twelve evaluations per step."""
 
 
-class RKN12(_NamedAsClass, order=12, evaluations=17, variable="rkn12", ignores_velocity=True):
+class RKN12(_NamedAsClass, order=12, variable="rkn12", ignores_velocity=True):
     """RKN12, Dormand, El-Mikkawy and Prince's method of order 12, with 17 evaluations per step, for f(t, u)."""
 
 
-class BM6(_NamedAsClass, order=6, evaluations=11, ignores_velocity=True):
+class BM6(_NamedAsClass, order=6, ignores_velocity=True):
     """BM6, Blanes and Moan's symplectic method of order 6, with eleven evaluations per step, for f(t, u)."""
 
 
@@ -558,6 +560,8 @@ _FORMS = {
     for solver, forms in {"newton": ("cdnewton", "cdn"), "fixed-point": ("cdfixedpoint", "cdfp")}.items()
     for form in forms
 }
+#: The methods by the names that other packages give them, or to methods like them.
+_ELSEWHERE = {"verlet": "cd", "velocityverlet": "cd", "leapfrog": "cd", "dop853": "rk8", "tsit5": "rk5", "heun": "rk2"}
 _TOLERANCES = re.compile(r"(.+?)(?:,|\s)\s*(?:with\s+)?(?:tol\.?|tolerances|rtol.*)")
 
 
@@ -582,7 +586,8 @@ def named(text: str) -> tuple[Any, bool] | None:
 
 def nearest(text: str) -> list[str]:
     """Return the names of methods that are similar to a text, the nearest first."""
-    return difflib.get_close_matches(_letters(text), METHODS, n=3)
+    near = difflib.get_close_matches(_letters(text), [*METHODS, *_ELSEWHERE], n=3)
+    return list(dict.fromkeys(_ELSEWHERE.get(name, name) for name in near))
 
 
 def _letters(label: Any) -> str:

@@ -105,7 +105,7 @@ def brief(value: Any) -> str:
     if callable(value):
         return getattr(value, "__name__", type(value).__name__) if value else ""
     if isinstance(value, Mapping):
-        return ", ".join(value) if len(value) <= _MOST else f"{next(iter(value))} and {len(value) - 1} others"
+        return ", ".join([*value][:_MOST]) + f" and {len(value) - _MOST} more" * (len(value) > _MOST)
     shape = value.shape if hasattr(value, "shape") else (len(value),) if hasattr(value, "__len__") else ()
     if math.prod(shape) > _MOST:
         return f"array of {' x '.join(map(str, shape))}"

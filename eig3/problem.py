@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -709,24 +709,24 @@ class Problem:
         """The names and units of the degrees of freedom, and the names of the parameters."""
         return Labels(self.names, self.units, self._layout.text if self._layout else "")
 
+    def _facts(self) -> Iterator[tuple[str, str, str]]:
+        """Yield the name, the value and the unit of each field that is known."""
+        unit, second = self.labels.unit, "" if self.energy_unit == "-" else "s"
+        units = {letter: brief([*dict.fromkeys(unit(letter, i) for i in range(np.size(self.u0)))]) for letter in "uv"}
+        units = {"u0": units["u"], "v0": units["v"], "t_span": second, "h": second, "energy": self.energy_unit}
+        rows = ((name, brief(getattr(self, name)), units.get(name, "")) for name in _SHOWN)
+        return (row for row in rows if row[1])
+
     def __repr__(self) -> str:
-        rows = (f"{name}: {value} {unit}".strip() for name, value, unit in self._rows())
-        return "\n".join([self._title, *("  " + row.replace("\n", "\n    ") for row in rows)])
+        lines = (f"{name} = {value} {unit}".rstrip() for name, value, unit in self._facts())
+        return "\n".join([self._title, *(f"  {line}".replace("\n", "\n    ") for line in lines)])
 
     def _repr_html_(self) -> str:
-        return facts(self._title, self._rows())
+        return facts(self._title, self._facts())
 
     @property
     def _title(self) -> str:
         return f"{type(self).__name__}: {self.name}"
-
-    def _rows(self) -> list[tuple[str, str, str]]:
-        """Return the name, the value in few words, and the unit of each field that is shown."""
-        unit, second = self.labels.unit, "" if self.energy_unit == "-" else "s"
-        units = {letter: brief([*dict.fromkeys(unit(letter, i) for i in range(np.size(self.u0)))]) for letter in "uv"}
-        units = {"u0": units["u"], "v0": units["v"], "t_span": second, "h": second, "energy": self.energy_unit}
-        rows = [(name, brief(getattr(self, name)), units.get(name, "")) for name in _SHOWN]
-        return [row for row in rows if row[1]]
 
     @cached_property
     def uses_velocity(self) -> bool:

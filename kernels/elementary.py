@@ -97,7 +97,7 @@ def inlined(function: Any) -> Any:
 
 
 @intrinsic
-def _number(context: Any, x: Any) -> Any:
+def number(context: Any, x: Any) -> Any:
     """The argument of a function as a float."""
     if not isinstance(x, (types.Float, types.Integer)):
         given = "an array: call it in a loop over the entries" if isinstance(x, types.Array) else str(x)
@@ -140,7 +140,7 @@ def sincos(x: float) -> tuple[float, float]:
     Multiples of pi / 2 are subtracted as by Cody and Waite, in four parts, so that the error bound also holds beside
     the zeros. Beyond 1e8 the differences would not be exact. The polynomials are from fdlibm.
     """
-    x = _number(x)
+    x = number(x)
     known = x if abs(x) <= _LARGEST_ANGLE else math.nan
     shifted = x * (2 / math.pi) + _ROUND
     n = shifted - _ROUND
@@ -216,7 +216,7 @@ def exp(x: float) -> float:
     -----
     e^x is 2^k e^r with abs(r) <= ln(2) / 2. The reduction is Cody and Waite's, the polynomial Taylor's.
     """
-    x = _number(x)
+    x = number(x)
     x = _EXP_OVERFLOW if x > _EXP_OVERFLOW else x
     x = _EXP_UNDERFLOW if x < _EXP_UNDERFLOW else x
     k, r, rest = _reduced(x)
@@ -261,7 +261,7 @@ def tanh(x: float) -> float:
     parts of the fraction are sums of a rounded number and the rest. The quotient is computed to 26 bits first, so that
     its products with the halves of the divisor are exact. The remainder then corrects it.
     """
-    x = _number(x)
+    x = number(x)
     size = abs(x)
     k, growth, rest = _growth(2.0 * (_TANH_IS_1 if size > _TANH_IS_1 else size))
     power = _power_of_2(k)
@@ -298,7 +298,7 @@ def log(x: float) -> float:
     -----
     x is 2^k (1 + f) with 1 + f from sqrt(1/2) to sqrt(2); log(1 + f) is fdlibm's polynomial in f / (2 + f).
     """
-    x = _number(x)
+    x = number(x)
     is_subnormal = x < _SMALLEST_NORMAL
     bits = _bits(x * 2.0**54 if is_subnormal else x)
     biased = bits - _SQRT_HALF_BITS + (1023 << 52)
@@ -319,7 +319,7 @@ def log(x: float) -> float:
 @inlined
 def sqrt(x: float) -> float:
     """Compute the square root, rounded correctly as by ``math.sqrt``; the result is NaN for negative x."""
-    return math.sqrt(_number(x))
+    return math.sqrt(number(x))
 
 
 @inlined
@@ -357,6 +357,6 @@ def erfc(x: float) -> float:
 
     The error is below 6 ulp for all x. The result is NaN for NaN.
     """
-    x = _number(x)
+    x = number(x)
     beyond = gauss_and_erfc(abs(x))[1]
     return 2.0 - beyond if x < 0.0 else beyond

@@ -80,8 +80,18 @@ def test_a_bar_on_a_hinge_is_that_of_its_angle(options, tolerance):
     turning = rates((angle, speed))[1]
     centre = turning * np.array([-place[1], place[0]]) / 2 - speed**2 * place / 2
     hinge = mass * centre - force + [0.0, mass * G]
-    reactions = run.outputs["reactions"][-1, -2:]
-    np.testing.assert_allclose(np.abs(reactions), np.abs(hinge), rtol=0, atol=300 * tolerance)
+    np.testing.assert_allclose(run.outputs["reactions"][-1, -2:], -hinge, rtol=0, atol=300 * tolerance)  # on the ground
+
+
+def test_a_problem_does_not_change_when_a_body_gets_points():
+    scene = Scene(2)
+    bar = scene.body(1.0, 0.1, (0.5, 0.0))
+    problem = scene.problem((0.0, 1.0))
+    u = problem.u0[None]
+    before = problem.view.places(np.zeros(1), u)
+    end = bar.point((0.5, 0.0))
+    np.testing.assert_array_equal(problem.view.places(np.zeros(1), u), before)
+    np.testing.assert_allclose(end.positions(u), [[1.0, 0.0]], atol=1e-15)
 
 
 @eig3.jit

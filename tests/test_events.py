@@ -268,6 +268,29 @@ def test_resets_in_vector_form(options):
     np.testing.assert_allclose(solution.u[:, 1], 5 - 9.81 / 2 * solution.t**2, rtol=0, atol=1e-11)
 
 
+@eig3.jit
+def of_another_array(t, u, v, p):
+    v = -v
+
+
+@eig3.jit
+def off_the_floor(t, u, v, p):
+    v[1] = -v[1]
+
+
+def test_a_reset_that_changes_nothing_has_a_note():
+    params, start = [9.81, 1.0, 1.0, 10.0, 0.0], ([0.0, 1.0], [0.0, 0.0])
+
+    def run(apply, **options):
+        events = {"floor": Event(at_floor, apply=apply, direction=-1)}
+        return eig3.integrate(free, (0, 1), *start, params=params, events=events, **options)
+
+    for options in (FIXED, ADAPTIVE):
+        (note,) = run(of_another_array, **options).notes
+        assert "apply of events['floor'] changed nothing: write entries, such as v[0] = ..." in note
+        assert run(off_the_floor, **options).notes == run(None, **options).notes == ()
+
+
 def test_an_inlined_run_has_the_same_events():
     inlined, pointed = (drop((0, 2), inline=is_inline, rtol=1e-6, method="eig3") for is_inline in (True, False))
     np.testing.assert_allclose(inlined.events["impact"].t, pointed.events["impact"].t, rtol=1e-13)

@@ -14,6 +14,7 @@ from scipy.stats import chi2
 
 import eig3
 from eig3 import problems
+from eig3.fitting.estimates import early_note
 from eig3.fitting.series import History
 from eig3.fitting.stencils import differences
 from eig3.result.resampling import resampled
@@ -465,6 +466,38 @@ def test_a_fit_takes_the_runs_and_finds_the_least_squares_of_scipy(monkeypatch):
     assert with_tolerances.n_runs <= 1.2 * residuals.count
 
 
+@eig3.jit
+def shaken(t, u, v, p):
+    return eig3.math.interp(t, p.t, p.force) - p.c * v - p.k * u - p.k3 * u**3
+
+
+def test_a_fit_with_tolerances_where_a_record_has_corners():
+    """The steps, and so the errors, jump with the parameters: short differences would show nothing else.
+
+    A fit with fixed steps, whose errors are far below the noise, finds the least squares.
+    """
+    rng, t = np.random.default_rng(0), np.linspace(0, 20, 2001)
+    force = 3 * np.convolve(rng.normal(size=t.size), np.ones(20) / 20, "same")
+    true = {"c": 0.3, "k": 20.0, "k3": 50.0, "t": t, "force": force}
+    problem = eig3.Problem("shaken", shaken, 0.0, 0.0, true, (0, 20))
+    u = problem.integrate(h=0.01, method="rk4").u + rng.normal(0, 1e-3, t.size)
+    first = {"c": 0.5, "k": 15.0, "k3": 10.0}
+    exact = eig3.fit(problem, (t, u), first, h=0.01, method="rk4")
+    found = eig3.fit(problem, (t, u), first, rtol=1e-6)
+    for name, value in exact.values.items():
+        assert found.values[name] == pytest.approx(value, abs=0.5 * exact.errors[name])
+        assert found.errors[name] == pytest.approx(exact.errors[name], rel=0.3)  # noise is a tenth of a difference
+    assert "least sum" not in found.message
+
+
+def test_a_fit_that_ended_early_says_so():
+    """The residuals are along a derivative, unless they are errors of the steps; at a least sum, they are across."""
+    jacobian, along, across = np.eye(3)[:, :2], np.array([1.0, 2.0, 0.0]), np.array([0.0, 0.0, 3.0])
+    assert "not at the least sum" in early_note(jacobian, along, 1e-3 * along)
+    assert not early_note(jacobian, along, along)
+    assert not early_note(jacobian, across, 0 * across)
+
+
 def test_missing_values_of_a_table_leave_out_their_entries_alone():
     run = CHAIN.integrate(h=0.01, method="rk4", save_every=10)
     table = run.u.copy()
@@ -543,6 +576,7 @@ BAD_VALUES = [
     ({"data": (T[:2], U[:2])}, "data must hold at least 3 values for 2 parameters and their scatter"),
     ({"data": (T[1:2], U[:1]), "sigma": 1}, "data must hold at least 2 values for 2 parameters, not 1"),
     ({"data": {"w": (T, U)}}, r"data must have names of quantities, but there is no w: did you mean"),
+    ({"data": {"time": (T, T), "u": (T, U)}}, "data must have names of quantities, but there is no time: did you mean"),
     ({"data": {"u": (T, U), "v": (T, U)}}, "sigma must say how the series of data are weighted"),
     ({"data": {"u": (T, U)}, "sigma": {"v": 1}}, "sigma must have the standard deviation of u too"),
     ({"sigma": 0}, "sigma of u must be positive and finite"),

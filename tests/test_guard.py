@@ -53,6 +53,17 @@ def undefined(t, u, v, p, a):
         a[j] = np.sqrt(-1.0 - p[0] * u[j])
 
 
+@eig3.jit
+def another_array(t, u, v, p, a):
+    a = -u  # noqa: F841
+
+
+@eig3.jit
+def adds(t, u, v, p, a):
+    a[0] = -u[0]
+    a[1] -= u[1]
+
+
 PAIR = {"u0": [1.0, 2.0], "v0": [0.0, 0.0]}
 
 
@@ -67,8 +78,10 @@ PAIR = {"u0": [1.0, 2.0], "v0": [0.0, 0.0]}
         (beyond_v, PAIR, r"beyond the end of v \(2 values\); give v0"),
         (beyond_a, PAIR, "rhs writes beyond the end of a, which has 2 entries"),
         (undefined, {**PAIR, "params": 1.0}, "it must give a finite acceleration for every degree of freedom"),
+        (another_array, PAIR, r"rhs does not write a\[0\] at the start, .* because a = ... makes another array"),
+        (adds, PAIR, r"rhs does not write a\[1\] at the start, or adds to it before"),
     ],
-    ids=["params", "params of a vector", "one of two", "u", "v", "a", "another reason"],
+    ids=["params", "params of a vector", "one of two", "u", "v", "a", "another reason", "another array", "a sum"],
 )
 def test_arrays_that_are_too_short_raise(rhs, start, message, inline):
     with pytest.raises(ValueError, match=message):

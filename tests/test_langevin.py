@@ -256,6 +256,22 @@ def test_noise_is_no_divergence_and_an_unstable_step_is_one():
 
 
 @eig3.jit
+def between_hard_walls(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -u[j] + 1e-3 * np.sign(u[j]) / (abs(u[j]) + 1e-3) ** 3
+
+
+def test_a_run_that_ends_hot_has_a_note():
+    """At the temperature, 100 degrees of freedom are 4.5 times as hot with a chance below exp(-99), by Chernoff."""
+    start = np.full(100, 0.5), np.zeros(100)
+    method = eig3.Langevin(0.1, 1.0, seed=1)
+    cool, hot = (eig3.integrate(between_hard_walls, (0, 50), *start, h=h, method=method) for h in (1e-3, 0.02))
+    assert cool.notes == ()
+    assert "h = 0.02 is too long for the fastest motion" in hot.notes[-1]
+    assert np.mean(hot.v[-1] ** 2) > 4.5
+
+
+@eig3.jit
 def energy(t, u, v, p):
     total = 0.0
     for j in range(u.size):

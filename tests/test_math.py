@@ -15,7 +15,7 @@ from eig3 import math as compiled
 LARGEST_ANGLE = 1e8
 OVERFLOW = math.log(np.finfo(float).max)
 UNDERFLOW = -1074.9 * math.log(2)  # the smallest subnormal number is 2^-1074
-NAMES = [name for name in compiled.__all__ if name != "sincos"]
+NAMES = [name for name in compiled.__all__ if name not in ("sincos", "interp")]
 EXACT = {
     "sin": libmp.mpf_sin,
     "cos": libmp.mpf_cos,
@@ -223,7 +223,7 @@ def test_integers(name):
     assert getattr(compiled, name)(3) == getattr(compiled, name)(3.0)
 
 
-@pytest.mark.parametrize("name", compiled.__all__)
+@pytest.mark.parametrize("name", [*NAMES, "sincos"])
 def test_an_array_is_refused(name):
     with pytest.raises(TypeError, match="takes one real number, not an array: call it in a loop over the entries"):
         getattr(compiled, name)(np.ones(3))
@@ -292,3 +292,38 @@ def test_exp_of_the_opposite_is_the_inverse(x):
 def test_tanh_is_odd_and_bounded(x):
     assert compiled.tanh(-x) == -compiled.tanh(x)
     assert abs(compiled.tanh(x)) <= min(1.0, abs(x))
+
+
+@eig3.jit
+def between(x, xp, fp, out):
+    for i in range(x.size):
+        out[i] = compiled.interp(x[i], xp, fp)
+
+
+@pytest.mark.parametrize(
+    "xp", [np.arange(300) * 0.05 - 2, np.sort(random.uniform(-2, 13, 300)), np.array([-2.0, 13.0])]
+)
+def test_interpolation_is_as_in_numpy(xp):
+    fp, out = random.normal(size=xp.size), np.empty(1000 + xp.size)
+    x = np.concatenate([random.uniform(-4, 15, 1000), xp])
+    between(x, xp, fp, out)
+    slopes = np.abs(np.diff(fp) / np.diff(xp)).max()
+    np.testing.assert_allclose(out, np.interp(x, xp, fp), rtol=0, atol=1e-15 * (10 + 15 * slopes))  # some ulp
+    np.testing.assert_array_equal(out[1000:], fp)
+    assert [compiled.interp(x, xp, fp) for x in (-math.inf, math.inf)] == [fp[0], fp[-1]]
+    assert math.isnan(compiled.interp(math.nan, xp, fp))
+
+
+@eig3.jit
+def wheel(t, u, v, p):
+    return p.k * (compiled.interp(p.speed * t, p.x, p.road) - u)
+
+
+def test_members_of_an_ensemble_read_a_table():
+    x = np.linspace(0, 50, 501)
+    params = {"k": 40.0, "speed": np.linspace(1, 9, 20), "x": x, "road": 0.1 * np.sin(x)}
+    members = eig3.ensemble(wheel, (0, 5), np.zeros(20), 0.0, h=0.01, params=params)
+    assert not any("one at a time" in note for note in members.notes)
+    for i in (0, 19):
+        alone = eig3.integrate(wheel, (0, 5), 0.0, 0.0, h=0.01, params={**params, "speed": params["speed"][i]})
+        assert members.u[i, -1] == pytest.approx(alone.u[-1], abs=1e-12)  # round-off of 500 steps, u is about 0.1

@@ -77,6 +77,16 @@ def test_every_record_is_hashable_and_describes_itself():
         assert method.order in range(2, 13)
 
 
+def test_a_record_has_the_evaluations_of_its_kernel():
+    class Variant(eig3.Method):
+        kernel = "eig3.kernels.methods.rk4"
+        label = "variant"
+        order = 4
+
+    assert (Variant().evaluations, Variant().is_implicit) == (4, False)
+    assert "4 evaluations a step" in eig3.stability.explain(Variant())
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -138,6 +148,8 @@ def test_a_label_with_tolerances_is_a_name_with_rtol_and_is_refused_with_h(label
         ("eig14", {"eig4"}),
         ("RK-44", {"rk4"}),
         ("bm", {"bm6"}),
+        ("DOP853", {"rk8"}),
+        ("velocity verlet", {"cd"}),
     ],
 )
 def test_an_unknown_name_is_answered_by_the_nearest_ones(text, near):

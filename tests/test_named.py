@@ -39,6 +39,11 @@ def spring_of_array(t, u, v, p):
 
 
 @eig3.jit
+def pull_of_array(t, u, v, p):
+    return -p[0] * u
+
+
+@eig3.jit
 def energy(t, u, v, p):
     return v * v / 2 + p.k * u * u / 2
 
@@ -181,6 +186,18 @@ def test_integers_survive_a_file(tmp_path):
     np.testing.assert_array_equal(loaded.extend(0.2).u, run.extend(0.2).u)
 
 
+def test_functions_take_the_parameters_of_a_problem_in_calls_from_python():
+    """The function of the user gets the tuple, and the function of the problem the array."""
+    matrix = scipy.sparse.csr_array(np.array([[2.0, -1.0], [-1.0, 2.0]]))
+
+    @eig3.jit
+    def pull(t, u, v, p):
+        return -p.k * u - p.matrix.data[0]
+
+    problem = eig3.Problem("pull", pull, 1.0, 0.0, {"k": 3.0, "matrix": matrix}, (0, 1))
+    assert pull(0.0, 0.5, 0.0, problem.params) == problem.rhs(0.0, 0.5, 0.0, problem.params) == -3.5
+
+
 def test_steppers_critical_steps_and_plans():
     problem = make_problem(c=0.0).with_(events={})
     assert problem.critical_step().omega_max == pytest.approx(2.0, rel=1e-6)
@@ -189,6 +206,24 @@ def test_steppers_critical_steps_and_plans():
     stepper.advance(300)
     assert stepper.u == eig3.integrate(spring, (0, 3), 1.0, 0.0, params=Spring(4.0, 0.1, 1), **H).u[-1]
     assert eig3.plan(problem, 1e-3, methods=["eig3"]).best.h > 0
+
+
+def test_a_controller_changes_the_parameters_of_a_stepper():
+    """As two prepared runs, of which the second has other parameters."""
+    stepper = eig3.Stepper(spring, 1.0, 0.0, h=0.01, params=Spring(4.0, 0.1, 1), method="rk4")
+    first = stepper.fork()
+    stepper.advance(10)
+    stepper.params = Spring(9.0, 0.1, 1)
+    stepper.advance(10)
+    run = eig3.prepare(spring, h=0.01, params=Spring(4.0, 0.1, 1), method="rk4")
+    before = run((0, 0.1), 1.0, 0.0, Spring(4.0, 0.1, 1))
+    after = run((0.1, 0.2), before.u[-1], before.v[-1], Spring(9.0, 0.1, 1))
+    assert stepper.u == pytest.approx(after.u[-1], rel=1e-14)  # of other roundings of t, which spring does not read
+    assert first.params.tolist() == [4.0, 0.1, 1.0]
+    with pytest.raises(TypeError, match="params must have power too"):
+        stepper.params = {"k": 1.0, "c": 0.0}
+    with pytest.raises(ValueError, match=r"params must keep their shape \(1,\), and not have \(2,\)"):
+        eig3.Stepper(pull_of_array, 1.0, 0.0, h=0.01, params=[1.0]).params = [1.0, 2.0]
 
 
 def test_a_jacobian_has_the_names():

@@ -104,6 +104,9 @@ def test_a_problem_and_a_fit():
     assert (rows["u0"], rows["v0"], rows["t_span"]) == ("1 rad", "0 rad/s", "0, 5 s")
     assert (rows["params"], rows["rhs"], rows["note"]) == ("k = 4, c = 0.2", "spring", problem.note)
     assert "exact" not in rows
+    title, *lines = repr(problem).split("\n")
+    assert title == "Problem: a < b & c"
+    assert {"  u0 = 1 rad", "  params = k = 4, c = 0.2", "  note = first line", "    second <line>"} <= {*lines}
 
     times = np.linspace(0.5, 5, 10)
     fit = eig3.fit(problem, (times, problem.integrate(h=0.01, t_eval=times).u), {"k": 3.5}, h=0.01)
@@ -126,7 +129,7 @@ def test_a_terminal_shows_the_facts_of_a_notebook(name):
     """A name with each of 12,000 degrees of freedom, or 34 events, would fill it."""
     problem = getattr(eig3.problems, name)()
     shown, rows = repr(problem), rows_of(problem)
-    assert shown.startswith(f"{type(problem).__name__}: {name}\n  rhs: rhs\n  u0: ")
+    assert shown.startswith(f"{type(problem).__name__}: {name}\n  rhs = rhs\n  u0 = ")
     assert words_of(shown) == words_of(" ".join([type(problem).__name__, name, *map(" ".join, rows)]))
     assert len(shown) < 1000
 
@@ -142,3 +145,12 @@ def test_a_plan_is_a_grid():
             assert row[-1] == prediction.note
     lines = repr(plan).splitlines()
     assert [line.split()[0] for line in lines if line.startswith("  ")][1:] == [row[0].split()[0] for row in rows]
+
+
+def test_long_values_of_a_problem_are_brief():
+    events = {f"event {i}": eig3.Event(energy) for i in range(10)}
+    pair = eig3.linear([1.0, 1.0], None, np.eye(2), t_span=(0, 1)).with_(events=events)
+    shown = repr(pair)
+    assert "K = sparse matrix of 2 x 2" in shown
+    assert "event 7 and 2 more" in shown
+    assert "event 8" not in shown

@@ -912,6 +912,10 @@ def test_writes_to_a_readonly_array():
         assert not internals.is_write_to_readonly(error_of(numba.njit(lambda x: x.missing), x))
 
 
+def plain(x):
+    return x
+
+
 def test_reasons_in_one_line():
     with probe("Numba's error for a function with listed signatures has other words"):
         listed = numba.njit("f8(f8)")(double)
@@ -922,6 +926,9 @@ def test_reasons_in_one_line():
     with probe("Numba's error for a call that it cannot compile does not show the call after >>>"):
         reason = internals.gist(error_of(numba.njit(lambda x: sorted(x, 7)), np.ones(1)))
         assert re.fullmatch(rf'Numba cannot do sorted\(.*\) \(File ".*{Path(__file__).name}", line \d+\)', reason)
+    with probe("Numba's error for a call of a plain function has other words"):
+        reason = internals.gist(error_of(numba.njit(lambda x: plain(x)), 1.0))
+        assert reason.startswith("it calls plain, which must be decorated with @eig3.jit too")
     with probe("Numba's error for an unknown attribute does not begin with its reason after `Failed in`"):
         reason = internals.gist(error_of(numba.njit(lambda x: x.missing), np.ones(1)))
         assert re.fullmatch(rf'Unknown attribute .missing. .* \(File ".*{Path(__file__).name}", line \d+\)', reason)

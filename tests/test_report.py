@@ -490,6 +490,15 @@ def test_a_users_problem_with_the_name_of_another_is_not_taken_for_it(tmp_path, 
     assert not result.of("heyoka")
 
 
+@pytest.mark.usefixtures("symplectic_euler")
+def test_a_users_report_measures_the_named_methods(tmp_path):
+    page = eig3.report(
+        oscillator(), tmp_path, accuracies=[1e-2], rivals=False, repeats=1, methods=["symplectic-euler", "cd"]
+    )
+    (result,) = Record.open(page.parent).results
+    assert {*result.methods} == {"symplectic-euler", "cd"}
+
+
 def test_the_truth_of_a_users_problem_is_known_to_its_uncertainty():
     problem = oscillator()
     grid = own_problem.Grid.of(problem)
@@ -599,6 +608,10 @@ def test_wrong_arguments_of_a_users_report_are_refused_before_it_begins(tmp_path
     ):
         with pytest.raises(ValueError, match=message):
             eig3.report(problem, out, **wrong)
+    with pytest.raises(ValueError, match=r"method must be one of .* not 'euler'"):
+        eig3.report(problem, out, methods=["euler"])
+    with pytest.raises(TypeError, match="methods must be names of methods"):
+        eig3.report(problem, out, methods=[eig3.EIG3(alpha=1.2)])
     with pytest.raises(TypeError, match=r"problem must be an eig3\.Problem"):
         eig3.report(spring, out)
     assert not out.exists()

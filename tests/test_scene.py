@@ -962,6 +962,9 @@ BAD_VALUES = {
     "LinearSpring was given ends of shapes .2, 1. and .2,.; give one shape, or one point for all": lambda: (
         lambda scene: scene.add(LinearSpring(1.0), scene.mass(1.0, [[0.0], [1.0]]), scene.fixed([2.0, 3.0]))
     )(Scene(1)),
+    "for all; others= gives all near pairs of two groups": lambda: (
+        lambda scene: scene.add(HertzContact(1.0, 0.5), scene.mass(1.0, np.eye(2)), scene.fixed(np.ones((3, 2))))
+    )(Scene(2)),
     "LinearSpring was given points of another scene.": strangers,
     "velocity of masses must have 2 components": lambda: Scene(2).mass(1.0, (0.0, 0.0), 5.0),
     "velocity of masses must have the": lambda: Scene(1).mass(1.0, [0.0, 1.0], [1.0, 2.0, 3.0]),

@@ -181,6 +181,15 @@ def test_forces_and_ductility_of_links_and_the_base_shear():
     np.testing.assert_allclose(run.outputs["ductility"], ductility, rtol=1e-12)
 
 
+def test_the_base_shear_where_links_have_all_of_the_stiffness():
+    """It is the force of the first storey, the only link to the ground."""
+    braces = ElasticPlastic(40.0, 1.0, 0.05)
+    problem = eig3.linear(M, links=[(braces, None, 0), (braces, [0, 1], [1, 2])], ground=GROUND, t_span=(0, 8))
+    run = problem.integrate(h=5e-3, outputs={"links": link_forces(problem), "shear": base_shear(problem)})
+    shear, links = run.outputs["shear"], run.outputs["links"]
+    np.testing.assert_allclose(shear, links[:, 0], rtol=0, atol=2e-15 * np.abs(links).max())  # a sum of five forces
+
+
 def test_the_ductility_demand_of_an_impulse():
     """Elastic up to the yield stretch y, then a parabola: (1 + (v / (omega y))^2) / 2, and what exceeds 1 remains."""
     k, y, ratios = 40.0, 0.05, np.array([2.0, 3.0, 4.0])
@@ -264,6 +273,7 @@ test_what_is_wrong_is_refused_in_a_sentence = refusals(
         "the links of this problem have no modes": lambda: eig3.structures.modal_solution(structure(), [1.0]),
     },
     {
+        r"links must be a list of \(link, first, second\), not LinearSpring": lambda: structure(LinearSpring(1.0)),
         r"links\[0\] must be \(link, first, second\) with a link of eig3.effects": lambda: structure(
             [LinearSpring(1.0)]
         ),

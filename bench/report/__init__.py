@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from eig3.command_line import Files, add_methods, add_out, count, folder
+from eig3.functions.checks import check_method
 from eig3.keywords import with_suggestions
 from eig3.methods import LIBRARY, shown
 from eig3.named_problem import is_own
@@ -225,6 +226,7 @@ def report(
     accuracies: Sequence[float] = own_problem.ACCURACIES,
     rivals: bool | Sequence[str] = True,
     repeats: int = _DEFAULTS.repeats,
+    methods: Sequence[str] | None = None,
 ) -> Path:
     """Measure what each accuracy costs in time on your own problem, and write a page of it.
 
@@ -245,6 +247,9 @@ def report(
         "scipy lsoda", "cyrk dop853" and "cyrk vern8".
     repeats : int
         Runs for each median.
+    methods : sequence of str, optional
+        The names of the methods to measure, also of your own, such as ``["yoshida4", "cd", "rk4"]``; by default the
+        ones that the plan finds fast.
 
     Returns
     -------
@@ -266,7 +271,7 @@ def report(
     a tenth of the smallest accuracy. No accuracy below three times this difference is claimed for a method.
     """
     own_problem.check(problem)
-    settings = _own_settings(problem, accuracies, rivals, repeats)
+    settings = _own_settings(problem, accuracies, rivals, repeats, methods)
     _check_packages("eig3.report", ImportError)
     name, changed = problem.name, settings.changed
     given = {"accuracies": tuple(changed.pop("accuracies")), **changed}
@@ -293,7 +298,11 @@ def _os_error() -> Iterator[None]:
 
 
 def _own_settings(
-    problem: Problem, accuracies: Sequence[float], rivals: bool | Sequence[str], repeats: int
+    problem: Problem,
+    accuracies: Sequence[float],
+    rivals: bool | Sequence[str],
+    repeats: int,
+    methods: Sequence[str] | None,
 ) -> Settings:
     try:
         errors = [float(error) for error in accuracies]
@@ -310,4 +319,7 @@ def _own_settings(
         unknown = [name for name in rivals if name not in RIVALS]
         if unknown:
             raise ValueError(f"rivals must be True, False or names of {', '.join(RIVALS)}, not {unknown[0]!r}.")
-    return Settings([problem.name], None, repeats, rivals=rivals, accuracies=errors)
+    if methods is not None and not all(isinstance(method, str) for method in methods):
+        raise TypeError(f"methods must be names of methods, such as ['eig3', 'rk4'], not {shown(methods)}.")
+    names = None if methods is None else [check_method(method).name for method in methods]
+    return Settings([problem.name], names, repeats, rivals=rivals, accuracies=errors)

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
-from .sampled_motion import Sampled, interval
+from ..kernels.table import interval
+from .sampled_motion import Sampled
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,24 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
+from ..kernels.table import interval
 from ..scene.effect import Motion
-
-
-@element
-def interval(t, times):
-    """Return the i with times[i] <= t < times[i + 1]; for evenly spaced samples the first guess is right."""
-    last = times.size - 1
-    i = int((t - times[0]) / (times[last] - times[0]) * last)
-    i = min(max(i, 0), last - 1)
-    low = i if times[i] <= t else 0
-    high = i + 1 if t < times[i + 1] else last
-    while high - low > 1:
-        middle = (low + high) // 2
-        if times[middle] <= t:
-            low = middle
-        else:
-            high = middle
-    return low
 
 
 class Sampled(Motion):

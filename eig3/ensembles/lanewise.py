@@ -162,7 +162,8 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
     except Exception as error:
         return None, (
             f"The members run one at a time, because a function does not compile for lanes: {gist(error)}; write "
-            "loops over single values, without array expressions and without functions of whole arrays."
+            "loops over single values, without array expressions and functions of whole arrays; for a table, call "
+            "eig3.math.interp."
         )
     note = f"rhs is not vectorised: {functions['rhs'].obstacle}." if functions["rhs"].obstacle else ""
     return Setup(method, layout, named, prepared, histories, single, **functions), note

@@ -58,6 +58,9 @@ def check_data(problem: Problem, data: Any, outputs: Mapping[str, Any], sigma: A
         return _series("u", data, "data", {"group": "u"}, np.shape(problem.u0), sigma)
     if not data:
         raise ValueError("data must hold at least one series, such as {'u0': (times, values)}, but it is empty.")
+    for name in data:
+        if name not in known:
+            raise unknown_name("data must have names of quantities, but there is", str(name), [*known], ValueError)
     if sigma is None and len(data) > 1:
         raise ValueError(
             "sigma must say how the series of data are weighted: give the standard deviation of the noise of each, "
@@ -65,8 +68,6 @@ def check_data(problem: Problem, data: Any, outputs: Mapping[str, Any], sigma: A
         )
     found = []
     for name, pair in data.items():
-        if name not in known:
-            raise unknown_name("data must have names of quantities, but there is", str(name), [*known], ValueError)
         place, shape = known[name]
         found += _series(name, pair, f"data[{name!r}]", place, shape, _sigma_of(sigma, name))
     return found

@@ -8,6 +8,7 @@ import numpy as np
 
 _DOUBTFUL = 1e-3  # below this singular value, errors of one-sided differences might make parameters look determined
 _DEPENDENT = 1e-7  # smaller singular values, relative to the largest, belong to undetermined parameters
+_REST, _BEYOND = 0.5, 10.0  # parts of the residuals, and multiples of their errors, that a further step would remove
 _INVOLVED = 1e-2  # least share of a parameter in such a combination
 
 
@@ -80,3 +81,14 @@ def steps_note(names: Sequence[str], shifts: np.ndarray, errors: np.ndarray) -> 
     if not shifted:
         return ""
     return f" The time steps shift {', '.join(shifted)} by more than the standard errors: take a smaller h or rtol."
+
+
+def early_note(jacobian: np.ndarray, residuals: np.ndarray, of_steps: np.ndarray) -> str:
+    """Return a sentence, beginning with a space, if a Gauss-Newton step from the end would still reduce the residuals.
+
+    It is empty where the errors `of_steps` of the residuals may be the reason.
+    """
+    rest = np.linalg.norm(jacobian @ (np.linalg.pinv(jacobian) @ residuals))
+    if rest <= max(_REST * np.linalg.norm(residuals), _BEYOND * np.linalg.norm(np.nan_to_num(of_steps))):
+        return ""
+    return " It is not at the least sum, because the steps change with the parameters: take a smaller rtol, or h."

@@ -20,13 +20,15 @@ from ..methods import Method
 from ..notebook import of_repr
 from ..problem import Problem
 from .data import Series, check_data
-from .estimates import correlation, covariance, is_doubtful, loose_note, steps_note
+from .estimates import correlation, covariance, early_note, is_doubtful, loose_note, steps_note
 from .model import Model
 from .picture import save
 from .places import Place, changed, check_places, sizes
 
 _TOLERANCE = 1e-10  # relative, for the sum of squares and for the parameters
 _NO_GRADIENT = float(np.finfo(np.float64).eps)  # SciPy divides by zero if the gradient is zero at the start
+_LONG = 0.25  # the longest step of a difference with tolerances, relative to the size of a parameter
+_CLEAR = 10.0  # least change of the residuals over such a step, relative to their errors by the steps of the run
 _DIGITS = 16  # most digits of a value in texts
 _AT_BOUND = 1e-6  # largest distance from a bound, relative to its size, of a parameter that the data push towards it
 _ENDS = {
@@ -193,10 +195,16 @@ def fit(
     return _found(model, problem, (low, high), options, has_sigma=sigma is not None)
 
 
-def _minimise(model: Model, first: np.ndarray, lengths: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]) -> Any:
-    """Return SciPy's result, with all parameters in x, and J for the free parameters, scaled by their sizes."""
+def _minimise(
+    model: Model, first: np.ndarray, lengths: np.ndarray, bounds: tuple[np.ndarray, np.ndarray], rtol: float | None
+) -> Any:
+    """Return SciPy's result, with all parameters in x, and J for the free parameters, scaled by their sizes.
+
+    With a fixed step, SciPy's short differences give J. With tolerances, the steps of a run change with the parameters,
+    and the states jump by about their errors: the differences are as long as the residuals need to change by more.
+    """
     least_squares, (low, high) = _least_squares(), bounds
-    free, noise = low < high, model.noise(first)
+    free = low < high
     ends = low[free] / lengths[free], high[free] / lengths[free]
 
     def values(q: np.ndarray) -> np.ndarray:
@@ -204,33 +212,39 @@ def _minimise(model: Model, first: np.ndarray, lengths: np.ndarray, bounds: tupl
         x[free] = np.clip(q * lengths[free], low[free], high[free])  # a product may exceed a bound by its last bit
         return x
 
-    def residuals(q: np.ndarray) -> np.ndarray:
-        return model.residuals(values(q)) / model.size  # q and the residuals have the size 1
+    last: dict[bytes, np.ndarray] = {}
 
-    def slopes(q: np.ndarray, behind: float = 0.0, ahead: float = noise ** (1 / 2)) -> np.ndarray:
-        """Return the differences between q + ahead and q - behind, moved to within the bounds, of each parameter."""
-        columns, middle = [], residuals(q)
-        for i in range(q.size):
-            pair = np.array([q, q])
-            pair[:, i] += min(ahead, ends[1][i] - q[i]) - ahead + np.array([-behind, ahead])
-            pair[:, i] = np.maximum(pair[:, i], ends[0][i])
-            below, above = (middle if (x == q).all() else residuals(x) for x in pair)
-            columns.append((above - below) / (pair[1, i] - pair[0, i]))
+    def residuals(q: np.ndarray) -> np.ndarray:
+        """Return residuals of the size 1, from q of the size 1; SciPy asks twice in a row at some q."""
+        if q.tobytes() not in last:
+            last.clear()
+            last[q.tobytes()] = model.residuals(values(q)) / model.size
+        return last[q.tobytes()]
+
+    def derivatives(q: np.ndarray) -> np.ndarray:
+        here, columns = residuals(q), []
+        for i in range(len(q)):
+            while True:
+                there = q.copy()
+                above, below = ends[1][i] - q[i], q[i] - ends[0][i]
+                there[i] += min(steps[i], above) if above >= min(steps[i], below) else -min(steps[i], below)
+                change = residuals(there) - here
+                if np.linalg.norm(change) >= _CLEAR * jump or steps[i] >= _LONG:
+                    break
+                steps[i] *= 4
+            columns.append(change / (there[i] - q[i]))
         return np.column_stack(columns)
 
+    steps, jac, jump = np.full(free.sum(), np.sqrt(rtol or 0.0)), "2-point" if rtol is None else derivatives, 0.0
+    if rtol is not None:
+        of_steps = model.errors_of_steps(first, residuals(first[free] / lengths[free]) * model.size)
+        jump = float(np.linalg.norm(np.nan_to_num(of_steps))) / model.size
+    limits = {"ftol": _TOLERANCE, "xtol": _TOLERANCE, "gtol": _NO_GRADIENT}
     try:
         with np.errstate(invalid="ignore"):  # from infinite residuals
-            result = least_squares(
-                residuals,
-                first[free] / lengths[free],
-                slopes,
-                bounds=ends,
-                ftol=_TOLERANCE,
-                xtol=_TOLERANCE,
-                gtol=_NO_GRADIENT,
-            )
-            if is_doubtful(result.jac):
-                result.jac = slopes(result.x, *[noise ** (1 / 3)] * 2)
+            result = least_squares(residuals, first[free] / lengths[free], jac, bounds=ends, **limits)
+            if rtol is None and is_doubtful(result.jac):
+                result.jac = least_squares(residuals, result.x, jac="3-point", bounds=ends, max_nfev=1).jac
     except ValueError:  # from infinite residuals near a point
         model.raise_failure()
         raise
@@ -251,7 +265,7 @@ def _found(
         model.raise_failure()
     spans = np.where(np.isfinite(high - low) & (low < high), high - low, 1.0)
     lengths = sizes(problem, model.places, lambda: model.run(first), spans)
-    result = _minimise(model, first, lengths, bounds)
+    result = _minimise(model, first, lengths, bounds, options["rtol"])
     is_free = low < high
     jacobian = np.zeros((len(model), len(first)))
     jacobian[:, is_free] = result.jac
@@ -262,7 +276,8 @@ def _found(
     matrix, is_loose = covariance(jacobian, lengths, ~is_bound, 1.0 if has_sigma else scatter**2)
     names, errors = [place.name for place in model.places], np.sqrt(np.diag(matrix))
     shifts, is_known = np.full(len(x), np.nan), ~is_bound & ~is_loose
-    shifts[is_known] = np.abs(np.linalg.pinv(jacobian[:, is_known]) @ model.errors_of_steps(x, residuals))
+    of_steps = model.errors_of_steps(x, residuals)
+    shifts[is_known] = np.abs(np.linalg.pinv(jacobian[:, is_known]) @ of_steps)
     shifts *= lengths
     return Fit(
         values=dict(zip(names, x.tolist(), strict=True)),
@@ -276,7 +291,10 @@ def _found(
         problem=changed(problem, model.places, x),
         success=bool(result.success),
         status=int(result.status),
-        message=_ENDS[result.status] + steps_note(names, shifts, errors) + loose_note(names, is_loose),
+        message=_ENDS[result.status]
+        + early_note(jacobian[:, is_known], residuals, of_steps)
+        + steps_note(names, shifts, errors)
+        + loose_note(names, is_loose),
         n_runs=model.n_runs,
         _series=list(model.series),
         _options=options,

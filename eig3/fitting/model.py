@@ -20,8 +20,6 @@ from ..run.variable_run import RATIO
 from .data import Series
 from .places import Place, said
 
-_MOST_NOISE = 1e-3  # differences over larger steps would not be derivatives
-
 
 class Model:
     """The difference between a model and the data.
@@ -46,7 +44,6 @@ class Model:
     ) -> None:
         self.places, self.series, self.n_runs = places, series, 0
         self._problem, self._options = problem, options
-        self._last: tuple[np.ndarray, np.ndarray] | None = None  # the values of the last run, and its residuals
         times = np.unique(np.concatenate([each.t for each in series]))
         self._run = problem.prepare(invariants={}, t_eval=times, **options)
         self._span, self._n_times = (problem.t_span[0], float(times[-1])), len(times)
@@ -79,11 +76,6 @@ class Model:
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """Return (model - data) / sigma; infinite if the run fails, after which SciPy tries a shorter step."""
-        if self._last is None or not np.array_equal(self._last[0], x):
-            self._last = x.copy(), self._residuals(x)
-        return self._last[1]
-
-    def _residuals(self, x: np.ndarray) -> np.ndarray:
         try:
             solution = self.run(x)
         except NotFiniteAtStartError as error:
@@ -96,18 +88,6 @@ class Model:
             if not np.isfinite(residuals @ residuals):
                 return self._failed(partial(self._not_finite, x.copy(), found))
         return residuals
-
-    def noise(self, x: np.ndarray) -> float:
-        """Return the size of the jumps of the residuals between values near x, relative to the data.
-
-        Runs with a fixed step have round-off. With tolerances, the steps change with the values where f has a kink, and
-        the jumps have the size of the error of the run.
-        """
-        rtol = self._options["rtol"]
-        if rtol is None:
-            return float(np.finfo(np.float64).eps)
-        errors = self.errors_of_steps(x, self.residuals(x))
-        return min(_MOST_NOISE, max(rtol, float(np.linalg.norm(errors)) / self.size))  # NaN if a run fails
 
     def errors_of_steps(self, x: np.ndarray, residuals: np.ndarray) -> np.ndarray:
         """Estimate by how much the steps change the residuals at x, from a run with other steps; NaN if it fails.

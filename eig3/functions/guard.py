@@ -82,7 +82,24 @@ def not_finite(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarra
         return ReadsBeyondError(
             f"{_not_finite(a)}, because it reads beyond the end of {sizes}; give {remedy} all the values it reads."
         )
+    j = unwritten(rhs, t, u, v, p, a) if form is not SCALAR else None
+    if j is not None:
+        return NotFiniteAtStartError(
+            f"rhs does not write a[{j}] at the start, or adds to it before: write a[{j}] = ..., or all in a[:] = ..., "
+            "because a = ... makes another array."
+        )
     return NotFiniteAtStartError(not_finite_at_start(a))
+
+
+def unwritten(rhs: Callback, t: float, u: np.ndarray, v: np.ndarray, p: np.ndarray, a: np.ndarray) -> int | None:
+    """Return an index j such that rhs does not write a[j], or first reads it, if any; `a` is from an `evaluation`.
+
+    This takes one evaluation: a value that rhs computes may be NaN too.
+    """
+    other = np.zeros(u.size)
+    rhs.call(t, u, v, p, other)
+    found = np.flatnonzero(np.isnan(a) & np.isfinite(other))
+    return int(found[0]) if found.size else None
 
 
 def is_finite_at_start(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarray) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .checks import reals, shown
-from .layout import BLOCKS, MOST_AXES, SPARSE, Kind, Layout, unknown_name
+from .layout import BLOCKS, MOST_AXES, SPARSE, Kind, Layout, bound_layout, unknown_name
 from .sparse import Sparse, has_blocks, is_of_scipy
 
 _MOST_COLUMNS = 2**31  # the indices of columns have 32 bits
@@ -19,7 +19,7 @@ class Parameters:
     """Immutable named parameters.
 
     ``p.k`` and ``p["k"]`` are the parameter k. `numpy.asarray` gives the array that kernels get. `Problem.params` has
-    this type if the parameters have names.
+    this type if the parameters have names. A function decorated with `eig3.jit` takes them in a call from Python.
 
     Parameters
     ----------
@@ -68,6 +68,10 @@ class Parameters:
 
     def _asdict(self) -> dict[str, Any]:
         return dict(self._values)
+
+    def _as_argument_of(self, function: Any) -> Any:
+        """Return what a function gets in a run: the array if it is bound to a layout, otherwise a named tuple."""
+        return self._flat if bound_layout(function) else self.layout.read(self._flat)
 
     def _replace(self, **changes: Any) -> Parameters:
         """Return parameters with some values replaced, of the same kinds."""

@@ -16,6 +16,7 @@ import numpy as np
 from ..diagnosis.drift import excess, growth
 from ..functions.checks import check_cancel, check_flag
 from ..functions.evaluation import accelerations
+from ..functions.events import Event
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import EVALUATIONS, ITERATIONS, NEXT, RESTING, TERMINAL, VECTOR
 from ..methods import Method
@@ -369,7 +370,18 @@ class Run:
 
     def all_notes(self) -> tuple[str, ...]:
         """Sentences that the user should read."""
-        return (*self._notes(), *self.stepper.notes)
+        return (*self._notes(), *self._idle_notes(), *self.stepper.notes)
+
+    def _idle_notes(self) -> list[str]:
+        """Return a sentence about each event of the user whose `apply` never changed the state."""
+        look, system = self.stepper.look, self.stepper.system
+        found = look.occurrences() if look and system.form is VECTOR else {}
+        return [
+            f"apply of events[{name!r}] changed nothing: write entries, such as v[0] = ..., because v = ... makes "
+            "another array."
+            for name, event in system.events.items()
+            if type(event) is Event and event.apply and len(found.get(name, ())) and not len(found[name].jumps)
+        ]
 
     def extend(
         self,

@@ -12,6 +12,7 @@ import numpy as np
 from ..diagnosis.coarseness import coarseness
 from ..diagnosis.critical import NoStableStepError, critical
 from ..diagnosis.divergence import Divergence, find_blow_up, find_divergence
+from ..diagnosis.heat import heat
 from ..functions.checks import check_count, check_resolution, check_time
 from ..functions.guard import guarded
 from ..functions.records import jump_note, jumps, shortest_loads
@@ -274,7 +275,7 @@ class FixedRun(Run):
         stepper = self.stepper
         notes = self._invariant_notes("take a smaller h, or a method that is stable for this system")
         if self.status is Status.COMPLETED:
-            notes += filter(None, (self._coarseness(), self._instability()))
+            notes += filter(None, (self._coarseness(), self._instability(), heat(stepper)))
         load = float(shortest_loads(stepper.system.rhs, stepper.params, t_span=(stepper.t0, stepper.t))[0])
         notes += [jump_note(stepper.h, load)] * jumps(stepper.h, load)
         running = stepper.running

@@ -132,7 +132,11 @@ class RigidBody:
         return self.point(self._local(self._vectors(position, "position") - self.centre.position))
 
     def revolute(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike | None = None) -> None:
-        """Add a revolute joint to another body, or to the ground, at a position, m; in space about an axis."""
+        """Add a revolute joint to another body, or to the ground, at a position, m; in space about an axis.
+
+        Its reactions are the components of the force on the other body, or on the ground, N; in space, two torques
+        across the axis follow, N m.
+        """
         self._check_axis(axis, "a revolute joint")
         across = [] if axis is None else self._frame(axis, "axis")
         self._join("revolute joint", self._pin(other, position), *self._turns(other, across[:1], across[1:]))

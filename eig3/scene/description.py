@@ -409,7 +409,10 @@ class Description:
         numbers = [handle.numbers for handle in points]
         if len({array.shape for array in numbers if array.size != 1}) > 1:
             shapes = " and ".join(str(array.shape) for array in numbers)
-            raise ValueError(f"{effect.title} was given ends of shapes {shapes}; give one shape, or one point for all.")
+            pairs = "; others= gives all near pairs of two groups" * bool(effect.cutoff_field)
+            raise ValueError(
+                f"{effect.title} was given ends of shapes {shapes}; give one shape, or one point for all{pairs}."
+            )
         return list(np.broadcast_arrays(*numbers)) if numbers else []
 
     def _values_of(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from copy import deepcopy
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -293,7 +295,7 @@ class Scene(Description):
             If the scene has no masses, or the parameters of an effect do not match the number of masses.
         """
         check_span(t_span)
-        cloud = self._cloud()
+        cloud = replace(self._cloud(), bodies=deepcopy(self._bodies))
         assembly = assemble(cloud, self._placed, self._pair_forces, work=work)
         if assembly.angles and cloud.bodies.vectors:
             raise ValueError("a scene with rigid bodies cannot have masses with an inertia: add them with scene.body.")

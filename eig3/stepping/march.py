@@ -11,9 +11,10 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..functions.checks import check_index, reals, velocity_refused
+from ..functions.checks import check_index, check_params, reals, velocity_refused
 from ..functions.evaluation import accelerations
-from ..functions.guard import evaluation, guarded, not_finite
+from ..functions.guard import evaluation, guarded, not_finite, unwritten
+from ..functions.named import in_layout
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import (
     ENDED_BY,
@@ -78,7 +79,7 @@ class March:
     t0 : float
         The time of u0 and v0.
     params : ndarray
-        The parameters p.
+        The parameters p, which may change between two calls.
     running : Method
         The method of the steps, with every option "auto" decided.
     changed_at : float or None
@@ -108,7 +109,7 @@ class March:
 
     def _begin(self, system: System, t0: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None) -> Any:
         """Set the state to the start, and return the acceleration there; `params` must come from `guarded`."""
-        self.system, self.form, self.start, self.t0, self.params = system, system.form, (u, v), t0, params
+        self.system, self.form, self.start, self.t0, self._params = system, system.form, (u, v), t0, params
         self.n = n = 1 if self.form is SCALAR else u.size
         self._lock = threading.Lock()
         if system.history:
@@ -126,6 +127,17 @@ class March:
         if self.look:
             self.look.begin(self.counters, t0, u, v, params)
         return a
+
+    @property
+    def params(self) -> np.ndarray:
+        return self._params
+
+    @params.setter
+    def params(self, values: Any) -> None:
+        given = np.asarray(check_params(in_layout(self.system.layout, values)))
+        if given.shape != self._params.shape:
+            raise ValueError(f"params must keep their shape {self._params.shape}, and not have {given.shape}.")
+        self._params[...] = given
 
     def _check_velocity(self, a: Any) -> None:
         """Refuse a method that ignores the velocity if another velocity changes the acceleration at the start."""
@@ -305,7 +317,7 @@ class March:
             vars(other).update(vars(self))
             other._lock = threading.Lock()
             other.state, other.counters = aligned(self.state.shape), self.counters.copy()
-            other.params = guarded(self.params)  # a scene stores neighbour lists in them
+            other._params = guarded(self.params)  # a scene stores neighbour lists in them
             other.state[...] = self.state
             other._slices = self._slices and self._slices.copy()
             other.look = self.look and self.look.fork()
@@ -412,17 +424,12 @@ class March:
 
         The check takes one evaluation, which `n_rhs` does not count.
         """
-        u, v, call = self.state[0], self.state[1], self.system.callback.call
+        u, v, callback = self.state[0], self.state[1], self.system.callback
         try:
-            a, (_, _, size) = evaluation(self.system.callback, self.form, t, u, v, self.params)
-            if math.isfinite(size):
-                return None
-            other = np.zeros(u.size)  # a value that rhs computes may be NaN too
-            call(t, u, v, self.params, other)
+            a, (_, _, size) = evaluation(callback, self.form, t, u, v, self.params)
+            return None if math.isfinite(size) else unwritten(callback, t, u, v, self.params, a)
         except Exception:  # rhs may fail at a time at which the method does not evaluate it
             return None
-        unwritten = np.flatnonzero(np.isnan(a) & (other == 0))
-        return int(unwritten[0]) if unwritten.size else None
 
     @property
     def pace(self) -> float | None:

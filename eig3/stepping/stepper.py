@@ -66,7 +66,7 @@ class Stepper(March):
     h, t0 : float
         The step, and the time of u0 and v0.
     params : ndarray
-        The parameters p.
+        The parameters p. Between two calls, other values may be assigned, in the form that `eig3.integrate` takes.
     method : Method
         The requested method.
     running : Method

@@ -162,7 +162,10 @@ def _of_damping(damping: Any, mass: Mass, K: Any) -> dict[str, Any]:
     if not isinstance(damping, Rayleigh | Modal):
         raise TypeError(f"damping must be eig3.Rayleigh(...) or eig3.Modal(...), not {shown(damping)}.")
     if K is None:
-        raise ValueError("damping needs K: the frequencies of the structure depend on it.")
+        raise ValueError(
+            "damping needs K, without the links: if links have all of the stiffness, give C = a M + b K of the elastic "
+            "structure in place of damping."
+        )
     names = ("a", "b") if isinstance(damping, Rayleigh) else ("modes", "rates")
     found: Any = damping.of(mass, K).coefficients if isinstance(damping, Rayleigh) else damping.factors(mass, K)
     return dict(zip(names, found, strict=True))

@@ -93,6 +93,8 @@ def check_links(links: Any, names: Sequence[str], n: int, u0: np.ndarray) -> tup
     TypeError, ValueError
     """
     parts: dict[Kind, list[tuple[np.ndarray, dict[str, np.ndarray]]]] = {}
+    if not isinstance(links, list | tuple):
+        raise TypeError(f"links must be a list of (link, first, second), not {shown(links)}.")
     for number, each in enumerate(links):
         said = f"links[{number}]"
         if not (isinstance(each, tuple) and len(each) == 3 and isinstance(each[0], Link)):

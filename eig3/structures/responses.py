@@ -25,7 +25,7 @@ def base_shear(problem: Problem) -> Any:
     Parameters
     ----------
     problem : Problem
-        A problem of `eig3.linear` with K and a ground motion.
+        A problem of `eig3.linear` with a ground motion.
 
     Returns
     -------
@@ -35,9 +35,9 @@ def base_shear(problem: Problem) -> Any:
     Raises
     ------
     TypeError, ValueError
-        If the problem has no K or no ground motion.
+        If the problem has no ground motion.
     """
-    _params(problem, "K", "ground")
+    _params(problem, "ground")
     return source.shear(parts_of(problem))
 
 

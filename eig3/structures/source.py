@@ -14,11 +14,11 @@ from typing import Any
 
 import numba
 
-from ..effects.sampled_motion import interval
 from ..functions.callbacks import jit, without_runtime
 from ..kernels.compile.jit import element
 from ..kernels.compile.numba_internals import flat
 from ..kernels.compile.source import Writer, define
+from ..kernels.table import interval
 from . import links
 from .factors import solution
 from .links import Kind
@@ -168,10 +168,12 @@ def shear(parts: Parts) -> Any:
     """Return the jitted elastic force in the direction of the ground motion, and of the links."""
     out, names = Writer(), {"__name__": __name__, "flat": flat, "product": product(parts.edge, False)}
     with out.block("def shear(t, u, v, p)"):
-        out.line(f"n, total = {parts.text.n}, 0.0", _arrays("K"))
-        for row in parts.text.rows(out):
-            forces = parts.text.product(out, "K", row, "u")
-            out.line(*(f"total += p.influence[{parts.text.at(row, k)}] * {x}" for k, x in enumerate(forces)))
+        out.line(f"n, total = {parts.text.n}, 0.0")
+        if "K" in parts.has:
+            out.line(_arrays("K"))
+            for row in parts.text.rows(out):
+                forces = parts.text.product(out, "K", row, "u")
+                out.line(*(f"total += p.influence[{parts.text.at(row, k)}] * {x}" for k, x in enumerate(forces)))
         links.write_shear(parts.links, parts.text, out, names)
         out.line("return total")
     return marked(without_runtime(define(str(out), "structure", names)["shear"]), parts, shear)

@@ -417,6 +417,8 @@ class _BareFunction(CPUDispatcher):
         return self.keep(numba.njit(**options, **WITH_ROOTS)(self.py_func))
 
     def __call__(self, *args: Any, **options: Any) -> Any:
+        """Call the function; named parameters become what it gets in a run."""
+        args = tuple(x._as_argument_of(self) if hasattr(x, "_as_argument_of") else x for x in args)
         return self.for_python(*args, **options)
 
     def get_compile_result(self, sig: Any) -> Any:
@@ -1058,8 +1060,10 @@ def gist(error: Exception) -> str:
     text = str(error)
     if text == "compilation disabled":
         return "its decorator must not list signatures"
+    plain = re.search(r"Untyped global name '(\w+)':.*<class 'function'>", text)
     missing = re.search(r">>> (.*)", text)
     lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("Failed in")]
     where = re.search(r'File "[^"]*", line \d+', text)
     reason = f"Numba cannot do {missing[1]}" if missing else (lines or [type(error).__name__])[0].rstrip(".")
+    reason = f"it calls {plain[1]}, which must be decorated with @eig3.jit too" if plain else reason
     return f"{reason} ({where[0]})" if where else reason

@@ -74,6 +74,7 @@ class Formulas:
         self.module, self.defined = module, defined
         self.label = "_".join([module.__name__, *map(str, arguments)])
         self.past: int = getattr(defined, "PAST", 0)
+        self.evaluations: int | None = getattr(defined, "EVALUATIONS", None)
         self.matrix: bool = getattr(defined, "MATRIX", False)
         self.keeps_constraints: bool = getattr(defined, "KEEPS_CONSTRAINTS", False)
         self.turn: int = getattr(defined, "TURN", 6)
@@ -100,8 +101,7 @@ class Formulas:
 
     def names(self, form: Form) -> dict[str, Any]:
         """Return the values of the names in capitals in a template."""
-        defined = self.defined
-        cost = getattr(defined, "EVALUATIONS", 0)
+        defined, cost = self.defined, self.evaluations or 0
         names = {
             "CONSTANTS": getattr(defined, "constants", no_constants),
             "COMPLETE": getattr(defined, "complete", nothing),
