@@ -78,8 +78,8 @@ PAIR = {"u0": [1.0, 2.0], "v0": [0.0, 0.0]}
         (beyond_v, PAIR, r"beyond the end of v \(2 values\); give v0"),
         (beyond_a, PAIR, "rhs writes beyond the end of a, which has 2 entries"),
         (undefined, {**PAIR, "params": 1.0}, "it must give a finite acceleration for every degree of freedom"),
-        (another_array, PAIR, r"rhs does not write a\[0\] at the start, .* because a = ... makes another array"),
-        (adds, PAIR, r"rhs does not write a\[1\] at the start, or adds to it before"),
+        (another_array, PAIR, r"because it does not write a\[0\], .* and not a = \.\.\., which makes"),
+        (adds, PAIR, r"because it does not write a\[1\], or adds to it before"),
     ],
     ids=["params", "params of a vector", "one of two", "u", "v", "a", "another reason", "another array", "a sum"],
 )

@@ -292,7 +292,7 @@ def _found(
         success=bool(result.success),
         status=int(result.status),
         message=_ENDS[result.status]
-        + early_note(jacobian[:, is_known], residuals, of_steps)
+        + early_note(jacobian[:, is_known], residuals, of_steps) * (result.status > 0)
         + steps_note(names, shifts, errors)
         + loose_note(names, is_loose),
         n_runs=model.n_runs,

@@ -85,8 +85,8 @@ def not_finite(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndarra
     j = unwritten(rhs, t, u, v, p, a) if form is not SCALAR else None
     if j is not None:
         return NotFiniteAtStartError(
-            f"rhs does not write a[{j}] at the start, or adds to it before: write a[{j}] = ..., or all in a[:] = ..., "
-            "because a = ... makes another array."
+            f"{_not_finite(a)}, because it does not write a[{j}], or adds to it before: write a[{j}] = ..., or all in "
+            "a[:] = ..., and not a = ..., which makes another array."
         )
     return NotFiniteAtStartError(not_finite_at_start(a))
 

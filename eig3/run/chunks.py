@@ -526,7 +526,7 @@ def solution_of(stepper: Any, fields: dict[str, Any], later: dict[str, Callable[
         "kernel_seconds": stepper.seconds,
         "method": system.method,
         "labels": system.labels,
-        "_accelerations": None if system.history else partial(accelerations, system.callback, stepper.params),
+        "_accelerations": None if system.history else partial(accelerations, system.callback, stepper.p),
         **fields,
     }
     if stepper.look:

@@ -146,7 +146,7 @@ class FixedRun(Run):
             every //= math.gcd(every, 4)  # with a remainder, the companion does not have all of the states
         t_end = self.t_end if n_steps * 4 == self.n_steps * steps else stepper.t0 + n_steps * h
         times = None if self.times is None else self.times[self.times <= t_end]
-        start = *stepper.start, guarded(stepper.params), times
+        start = *stepper.start, guarded(stepper.p), times
         other = Stepper.of(stepper.system, stepper.t0, h, *start)
         found = compared(FixedRun(other, n_steps, t_end, every, times).begin, cancel)
         companion = Companion.at_same_steps(solution, found, 4 / steps)
@@ -159,7 +159,7 @@ class FixedRun(Run):
             "t0": stepper.t0,
             "t_end": self.t_end,
             "start": stepper.start,
-            "params": stepper.params,
+            "params": stepper.p,
             "layout": stepper.system.layout.text if stepper.system.layout else "",
             "inline": stepper.inline,
             "has_jacobian": stepper.method.jacobian is not None,
@@ -276,7 +276,7 @@ class FixedRun(Run):
         notes = self._invariant_notes("take a smaller h, or a method that is stable for this system")
         if self.status is Status.COMPLETED:
             notes += filter(None, (self._coarseness(), self._instability(), heat(stepper)))
-        load = float(shortest_loads(stepper.system.rhs, stepper.params, t_span=(stepper.t0, stepper.t))[0])
+        load = float(shortest_loads(stepper.system.rhs, stepper.p, t_span=(stepper.t0, stepper.t))[0])
         notes += [jump_note(stepper.h, load)] * jumps(stepper.h, load)
         running = stepper.running
         if isinstance(running, EIG) and running.grade > _LARGEST_GRADE and not running.ignores_velocity:

@@ -156,7 +156,7 @@ def _is_well(stepper: Any, is_fixed: bool, most: int) -> bool:
         t = stepper.t0 + (stepper.index - 1) * stepper.h if is_fixed else float(counters[TIME] - counters[STEP_BEFORE])
         # As in `evaluation`, without its Python call.
         room = np.empty((3, stepper.n + 2 * GUARD_VALUES))
-        u, v, a, _ = guarded_kernel()(stepper.system.callback.address, t, state[0], state[1], stepper.params, room)
+        u, v, a, _ = guarded_kernel()(stepper.system.callback.address, t, state[0], state[1], stepper.p, room)
         if a == math.inf:
             return False
     if not is_fixed:

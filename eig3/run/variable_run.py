@@ -125,7 +125,7 @@ class VariableRun(Run):
         system, times = stepper.system, self.times
         if times is None and self._compares_at_times:
             system, times = system.at_times, np.unique(solution.t)  # a state before and one after a reset have one time
-        start = *stepper.start, guarded(stepper.params)
+        start = *stepper.start, guarded(stepper.p)
         other = VariableStepper(system, (stepper.t0, stepper.t_end), *start, tolerances, times)
         found = None
         with contextlib.suppress(Exception):  # a `Run` raises it again
@@ -155,7 +155,7 @@ class VariableRun(Run):
             "t0": stepper.t0,
             "t_end": stepper.t_end,
             "start": stepper.start,
-            "params": stepper.params,
+            "params": stepper.p,
             "layout": stepper.system.layout.text if stepper.system.layout else "",
             "inline": stepper.inline,
             "has_jacobian": False,

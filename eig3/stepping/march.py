@@ -78,8 +78,8 @@ class March:
         The largest |u0|, |v0| and |f(t0, u0, v0)|.
     t0 : float
         The time of u0 and v0.
-    params : ndarray
-        The parameters p, which may change between two calls.
+    p : ndarray
+        The parameters.
     running : Method
         The method of the steps, with every option "auto" decided.
     changed_at : float or None
@@ -109,7 +109,7 @@ class March:
 
     def _begin(self, system: System, t0: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None) -> Any:
         """Set the state to the start, and return the acceleration there; `params` must come from `guarded`."""
-        self.system, self.form, self.start, self.t0, self._params = system, system.form, (u, v), t0, params
+        self.system, self.form, self.start, self.t0, self.p = system, system.form, (u, v), t0, params
         self.n = n = 1 if self.form is SCALAR else u.size
         self._lock = threading.Lock()
         if system.history:
@@ -130,14 +130,14 @@ class March:
 
     @property
     def params(self) -> np.ndarray:
-        return self._params
+        return self.p
 
     @params.setter
     def params(self, values: Any) -> None:
         given = np.asarray(check_params(in_layout(self.system.layout, values)))
-        if given.shape != self._params.shape:
-            raise ValueError(f"params must keep their shape {self._params.shape}, and not have {given.shape}.")
-        self._params[...] = given
+        if given.shape != self.p.shape:
+            raise ValueError(f"params must keep their shape {self.p.shape}, and not have {given.shape}.")
+        self.p[...] = given
 
     def _check_velocity(self, a: Any) -> None:
         """Refuse a method that ignores the velocity if another velocity changes the acceleration at the start."""
@@ -244,7 +244,7 @@ class March:
         self.ended, self.raised_before = GOING, None
         if self.system.shares is None:
             return self._take(end, kernel, every, row, rows, cancels)
-        with team(self.system.shares, self.params, count):
+        with team(self.system.shares, self.p, count):
             return self._take(end, kernel, every, row, rows, cancels)
 
     def _take(self, end: int, kernel: Kernel, every: int, row: int, rows: Rows, cancels: tuple[Cancel, ...]) -> int:
@@ -317,7 +317,7 @@ class March:
             vars(other).update(vars(self))
             other._lock = threading.Lock()
             other.state, other.counters = aligned(self.state.shape), self.counters.copy()
-            other._params = guarded(self.params)  # a scene stores neighbour lists in them
+            other.p = guarded(self.p)  # a scene stores neighbour lists in them
             other.state[...] = self.state
             other._slices = self._slices and self._slices.copy()
             other.look = self.look and self.look.fork()
@@ -345,7 +345,7 @@ class March:
             "counters": self.counters.copy(),
             "numbers": look.numbers.copy() if look else None,
             "n_found": look.n_found if look else 0,
-            "remembered": self.params.copy() if remembers else None,
+            "remembered": self.p.copy() if remembers else None,
         }
 
     def restore(self, kept: Mapping[str, Any]) -> None:
@@ -359,7 +359,7 @@ class March:
             self.look.numbers[...] = kept["numbers"]
             self.look.forget_from(kept["n_found"])
         if kept["remembered"] is not None:
-            self.params[...] = kept["remembered"]
+            self.p[...] = kept["remembered"]
 
     def load(self, kept: Mapping[str, Any]) -> None:
         """Restore a state from a file, after a check.
@@ -397,7 +397,7 @@ class March:
         """
         if self.system.history:
             return None
-        return partial(accelerations, self.system.callback, self.params)
+        return partial(accelerations, self.system.callback, self.p)
 
     def acceleration(self, t: float, u: Any, v: Any) -> Any:
         """Evaluate f(t, u, v): a float, or a new array of shape (n,).
@@ -412,7 +412,7 @@ class March:
         shape = () if self.form is SCALAR else (self.n,)
         if not u.shape == v.shape == shape:
             raise ValueError(f"u and v must have the shape of u0, {shape}, not {u.shape}, {v.shape}.")
-        call, params = self.system.callback.call, guarded(self.params)  # another thread may take steps
+        call, params = self.system.callback.call, guarded(self.p)  # another thread may take steps
         if self.form is SCALAR:
             return call(float(t), float(u), float(v), params)
         a = np.full(u.size, np.nan)  # an entry that rhs does not write stays NaN
@@ -426,8 +426,8 @@ class March:
         """
         u, v, callback = self.state[0], self.state[1], self.system.callback
         try:
-            a, (_, _, size) = evaluation(callback, self.form, t, u, v, self.params)
-            return None if math.isfinite(size) else unwritten(callback, t, u, v, self.params, a)
+            a, (_, _, size) = evaluation(callback, self.form, t, u, v, self.p)
+            return None if math.isfinite(size) else unwritten(callback, t, u, v, self.p, a)
         except Exception:  # rhs may fail at a time at which the method does not evaluate it
             return None
 

@@ -232,7 +232,7 @@ class Observer:
                 u, v = (u.item(), v.item()) if self._is_scalar else (u, v)
         self.watch.u_rows[some], self.watch.v_rows[some], self.watch.h_rows[some] = u, v, stepper.h
         for name, rows in self._output_rows.items() if some.start < last else ():
-            rows[some] = self.followed.quantities[self.followed.outputs[name]].value(t, u, v, stepper.params)
+            rows[some] = self.followed.quantities[self.followed.outputs[name]].value(t, u, v, stepper.p)
         counters[NEXT] = max(last, int(counters[NEXT]))
 
     def recall(self, events: Mapping[str, Occurrences], counts: Mapping[str, int] | None = None) -> None:

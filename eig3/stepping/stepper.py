@@ -238,7 +238,7 @@ class Stepper(March):
 
     def restarted(self, h: float) -> Stepper:
         """Return a new stepper at t0, u0 and v0, with the step h, and the same events."""
-        return Stepper.of(self.system, self.t0, h, *self.start, guarded(self.params))
+        return Stepper.of(self.system, self.t0, h, *self.start, guarded(self.p))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -260,7 +260,7 @@ class Stepper(March):
         return tuple(notes)
 
     def steps(self, count: int, every: int, row: int, rows: Rows) -> Steps:
-        return Steps(self.h, self.t0, self.params, self.index, count, every, row, rows[2], rows[3])
+        return Steps(self.h, self.t0, self.p, self.index, count, every, row, rows[2], rows[3])
 
     def _goes_on_after(self, ended: int) -> bool:
         """Change to the fallback of the method; return whether there is one.

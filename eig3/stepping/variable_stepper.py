@@ -139,14 +139,14 @@ class VariableStepper(March):
         """
         if not self.kernel.formulas.dense_evaluations or self.system.history:
             return None
-        return partial(states_between, self.system.callback, self.params, self.system.method.variable)
+        return partial(states_between, self.system.callback, self.p, self.system.method.variable)
 
     def steps(self, count: int, every: int, row: int, rows: Any) -> Span:
         tolerances = self.tolerances
         return Span(
             self.t0,
             self.t_end,
-            self.params,
+            self.p,
             self.index,
             count,
             every,
@@ -177,7 +177,7 @@ class VariableStepper(March):
 
     def restarted(self, t_end: float, times: np.ndarray | None) -> VariableStepper:
         """Return an independent stepper at the start, for a run to another end."""
-        start = *self.start, guarded(self.params)
+        start = *self.start, guarded(self.p)
         return VariableStepper(self.system, (self.t0, t_end), *start, self.tolerances, times)
 
 
