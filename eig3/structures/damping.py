@@ -31,7 +31,7 @@ class Rayleigh:
     Raises
     ------
     TypeError, ValueError
-        If a ratio is negative, or the frequencies are not positive and different.
+        If a ratio is not from 0 to 1, or the frequencies are not positive and different.
 
     Notes
     -----
@@ -47,8 +47,10 @@ class Rayleigh:
 
     def __post_init__(self) -> None:
         xi = reals(self.xi, "xi")
-        if xi.shape not in ((), (2,)) or not (np.isfinite(xi).all() and (xi >= 0).all()):
-            raise ValueError(f"xi must be a damping ratio of at least 0, or a pair of them, not {self.xi!r}.")
+        if xi.shape not in ((), (2,)) or not ((xi >= 0) & (xi <= 1)).all():
+            raise ValueError(
+                f"xi must be a damping ratio from 0 to 1, such as 0.05 for 5 %, or a pair of them, not {self.xi!r}."
+            )
         if [x is None for x in (self.modes, self.omega1, self.omega2)] not in (
             [True, False, False],
             [False, True, True],
