@@ -452,7 +452,9 @@ def test_each_member_must_load_a_degree_of_freedom():
         loaded().ensemble(params={"degrees": np.array([[0, 1], [0, 6]])}, h=0.01)
 
 
-@pytest.mark.parametrize("bad", [{"xi": -0.1}, {"xi": 5}, {"xi": np.nan}, {"xi": [0.1, 0.2, 0.3]}, {"omega1": 0.0}, {"omega2": 1.0}])
+@pytest.mark.parametrize(
+    "bad", [{"xi": -0.1}, {"xi": 5}, {"xi": np.nan}, {"xi": [0.1, 0.2, 0.3]}, {"omega1": 0.0}, {"omega2": 1.0}]
+)
 def test_bad_damping(bad):
     with pytest.raises(ValueError, match=r"^(xi|omega1 and omega2) must be "):
         eig3.Rayleigh(**{"xi": 0.05, "omega1": 1.0, "omega2": 2.0, **bad})
