@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -35,6 +35,7 @@ _FOLLOWED = 2**22  # largest number of values in the states of a run whose energ
 _PIECES = 32  # pieces of a run, which is checked after each,
 _PIECE = 512  # with at least this number of steps: the call takes as long as some ten steps,
 _FIRST_PIECE = 8  # or first with this number, because each step of an unstable run may have many events
+_SAME_SPEED = 1.6  # largest ratio of the speeds of two runs that may show the same motion
 _DIVERGED = 100.0  # a motion that is larger than the reference by this factor is unstable
 _AT_REST = 1e-150  # a motion below this has decayed
 _SHORT = 0.005  # a run that takes less time, s, is repeated,
@@ -101,6 +102,8 @@ class Pilots:
     needs_reference : bool
     compiling : float
         The compilation time, s.
+    least_power : float
+        Errors are extrapolated with this power of time, or with a larger one that they show in the window.
     at_start : tuple
         u and v at the start of the span, with first-order unknowns where they are needed.
     """
@@ -118,6 +121,7 @@ class Pilots:
         self._seen: History | None = None  # the last run of the reference method
         self._reference: History | None = None  # the reference run, with the exact displacements if they are known
         self._growth: float | None = None  # ratio of the errors over the whole span and in the window, if known
+        self.least_power = 0.0
         self._largest = math.inf  # a motion that is larger is unstable
         self._sizes = -np.ones(2)  # the largest |u| and |v| of the motion; negative if none is known
         u0, v0 = problem.u0, problem.v0
@@ -199,6 +203,11 @@ class Pilots:
         known = 0.0 if self._survey is None else self._sizes_of(self._survey)
         self._sizes = np.maximum(self._sizes_of(history), known)
 
+    def have_one_speed(self, *runs: History) -> bool:
+        """Whether runs are about as fast: with too long a step, a motion can gain energy once, and leave its place."""
+        speeds = [self._sizes_of(run)[1] for run in runs]
+        return max(speeds) <= _SAME_SPEED * min(speeds)
+
     def trust(self) -> None:
         """Trust the reference: a run with a much larger motion then counts as unstable."""
         self._largest = math.inf if math.isnan(self.size) else _DIVERGED * self.size
@@ -243,6 +252,14 @@ class Pilots:
         if error > 0:
             self._growth = max(1.0, whole.error / error)
 
+    def note_growth(self, short: Sequence[Run], part: float, run: Run) -> None:
+        """Extrapolate with the power of time that a run over a longer part shows beside a run with the same steps."""
+        same = run.n_steps * self.part / part
+        for each in short:
+            if each.n_steps == same and each.seen_error > 0 and 0 < run.seen_error < CONVERGING:
+                power = math.log(run.seen_error / each.seen_error) / math.log(part / self.part)
+                self.least_power = max(self.least_power, min(2.0, power))
+
     def look_at(self, part: float) -> None:
         """Restrict the next runs to a part of the span: after a survey, to the part with the fastest motion."""
         t0, u0, v0 = self.problem.t_span[0], *self.at_start
@@ -258,7 +275,7 @@ class Pilots:
                 first = int(np.argmax((total[ends + 1] - total[rows]) / (ends + 1 - rows)))
                 if first > 0:
                     t0, u0, v0 = t[first], survey.u[first - 1], survey.v[first - 1]
-        self._reference, self._growth = None, None
+        self._reference, self._growth, self.least_power = None, None, 0.0
         self._look_from(t0, u0, v0, part)
 
     def _look_from(self, t0: float, u0: Any, v0: Any, part: float) -> None:
@@ -310,7 +327,7 @@ class Pilots:
     def judged(self, n_steps: int, history: History) -> Run:
         """The run of this history, with its error extrapolated to the whole span."""
         error, power = self._error(history)
-        growth = (1 / self.part) ** power if self._growth is None else self._growth
+        growth = (1 / self.part) ** max(power, self.least_power) if self._growth is None else self._growth
         return Run(n_steps, error * growth, history.seconds / n_steps, history.n_rhs / n_steps, error)
 
     @property

@@ -76,8 +76,10 @@ def guide(pilots: Pilots) -> Search | str:
                 return "unstable at every step tried"  # over the longer part
             if search.runs and not stable:
                 shortest = part * pilots.span / search.runs[-1].n_steps
+        if found and longer and method == GUIDE:
+            return _beside(longer, search, seconds)
         if found:
-            return _contradiction(search, longer) or search
+            return search
         if method == GUIDE and search.runs:
             longer.append((part, search.runs[-1]))
     return failure
@@ -108,6 +110,7 @@ def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
                 n_steps = max(n_steps, pilots.stable_steps(method, _STABLE[method]) // 2)
         else:
             pilots.note_sizes(fine)
+            search.is_settled = coarse is None or pilots.have_one_speed(coarse, fine)
             if not fine.is_whole:
                 return False
             if not pilots.needs_reference:
@@ -126,28 +129,37 @@ def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
     return False
 
 
-def _contradiction(search: Search, longer: Sequence[tuple[float, Run]]) -> str:
-    """Say why errors over a short part cannot be extrapolated, if a run over a longer part shows this.
+def _beside(longer: Sequence[tuple[float, Run]], search: Search, seconds: float) -> Search | str:
+    """Return a search over a short part whose errors grow with time as runs over longer parts show; or why none can.
 
     With equal steps, the error of a regular motion grows at most with about the square of time.
     """
-    short = search.pilots.part
+    pilots = search.pilots
     for part, run in longer:
-        coarser = [each.seen_error for each in search.runs if each.n_steps / short <= run.n_steps / part]
-        largest = _FASTER * (part / short) ** 2 * min(coarser, default=math.inf)
+        coarser = [each.seen_error for each in search.runs if each.n_steps / pilots.part <= run.n_steps / part]
+        largest = _FASTER * (part / pilots.part) ** 2 * min(coarser, default=math.inf)
         if max(CONVERGING, largest) < run.seen_error < math.inf:
-            t = part * search.pilots.span
+            t = part * pilots.span
             return (
-                f"the error grows too fast with time (chaos): over {t:.3g} time units, it is {run.seen_error:.1e} with "
-                f"h = {t / run.n_steps:.2g}"
+                f"the error grows too fast with time, as in chaos: over {t:.3g} time units, it is {run.seen_error:.1e} "
+                f"with h = {t / run.n_steps:.2g}"
             )
-    return ""
+        pilots.note_growth(search.runs, part, run)
+    if not pilots.least_power:
+        return search
+    again = Search(pilots, search.method)
+    if _double(again, seconds):
+        return again
+    return (
+        f"the error grows like t^{pilots.least_power:.2g}, and cannot be known from runs over "
+        f"{pilots.part * pilots.span:.3g} time units"
+    )
 
 
 def _is_bounded(search: Search) -> bool:
     """Whether the runs of a survey have shown a stable motion; otherwise the survey is discarded."""
     pilots = search.pilots
-    if any(_LARGEST < run.error < math.inf for run in search.runs[-1:]):
+    if not search.is_settled or any(_LARGEST < run.error < math.inf for run in search.runs[-1:]):
         pilots.forget_survey()
     return pilots.is_surveyed
 
@@ -205,6 +217,7 @@ class Search(Timed):
         self.pilots, self.method, self.evaluations = pilots, method, pilots.evaluations(method)
         self.label = method.label
         self.runs: list[Run] = []  # from the fewest steps to the most
+        self.is_settled = True  # whether the last two runs of a search for a reference show a motion of one speed
 
     def add(self, run: Run) -> None:
         self.runs = sorted([*self.runs, run], key=lambda run: run.n_steps)
