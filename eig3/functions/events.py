@@ -74,8 +74,8 @@ class EffectEvent(Event):
     rule : str
         What must hold at the start of a run, in an error; empty if the start may lie behind the event.
     turns : bool
-        Whether the event is the turn of a link that yields. Then only a start beyond yield with a velocity back breaks
-        the rule. Without a rule, such a link turns at the start.
+        Whether the event is the turn of a link that yields. A reset of another event, as an impact, causes it too. Only
+        a start beyond yield with a velocity back breaks the rule. Without a rule, such a link turns at the start.
     """
 
     rule: str = ""
