@@ -115,11 +115,11 @@ class System:
             self._check(self.method.jacobian, "jacobian", form)
         self.event_callbacks = [self._check_event(name, event) for name, event in self.events.items()]
         together = _together([g.quiet for g, _ in self.event_callbacks])
-        turns = [getattr(event, "turns", False) for event in self.events.values()]
+        follows = [getattr(event, "follows_resets", False) for event in self.events.values()]
         table = [
-            (g.address, apply.address if apply else 0, event.direction, event.terminal, count, *g.quiet, turn)
-            for (g, apply), event, count, turn in zip(
-                self.event_callbacks, self.events.values(), together, turns, strict=True
+            (g.address, apply.address if apply else 0, event.direction, event.terminal, count, *g.quiet, follow)
+            for (g, apply), event, count, follow in zip(
+                self.event_callbacks, self.events.values(), together, follows, strict=True
             )
         ]
         self.event_table = np.array(table, dtype=np.int64).reshape(len(table), 8)

@@ -44,7 +44,7 @@ LATER = 4.0  # the step after a reset is at most this multiple of the time since
 
 EPSILON = 2.0**-52
 NEAR = 16  # spacings of t by which the computed time of an event, or t0 + n h, may be wrong
-G, _APPLY, _DIRECTION, _IS_TERMINAL, TOGETHER, QUIET, NUMBER, _TURNS = range(8)  # the columns of `Watch.events`
+G, _APPLY, _DIRECTION, _IS_TERMINAL, TOGETHER, QUIET, NUMBER, _FOLLOWS = range(8)  # the columns of `Watch.events`
 SIDE, LAST, _FREE, _LEVEL = range(EVENT_VALUES)  # the values of an event in the counters, from `EVENTS` on
 _DUE, _CROSSING, _END, _HERE = range(4)  # the rows of `Watch.search`
 _NEVER = math.inf  # stands for the fraction of the step at which g changes its sign, if it does not
@@ -156,7 +156,7 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
     near = _TOGETHER * tolerance
     if outcome == RESET:
         for k in range(count):
-            if watch.events[k, _TURNS] != 0 and abs(search[_CROSSING, k] - s) > near:
+            if watch.events[k, _FOLLOWS] != 0 and abs(search[_CROSSING, k] - s) > near:
                 here, g = search[_HERE, k], EVENT(watch.events[k, G], stop, u, v, p)
                 if here * g < 0 and not _is_unwanted(watch.events[k, _DIRECTION], here):
                     outcome = max(outcome, TAKE(place, counters, k, t0, stop, n, u, v, p))
