@@ -126,8 +126,9 @@ class Watch(NamedTuple):
     """What a run looks for within its steps: events, and times at which the state is written.
 
     A row of `events` contains the address of g, the address of apply or 0, the direction, and 1 for a terminal event.
-    It ends with the number of events from here on that are looked at together, or 1; the address of the function that
-    does this, see `zeros.quiet_together`; and the number of the first in its family.
+    Then follow the number of events from here on that are looked at together, or 1; the address of the function that
+    does this, see `zeros.quiet_together`; the number of the first in its family; and 1 for an event that a reset of
+    another event causes too, such as the turn of a link at an impact.
     A row of `log` is for an occurrence: the event, the time, and u and v before and after apply. `times` are the times
     at which to write u, v and the step. `work` has rows of n values, which callbacks may get, and `search` has four
     rows with a value for each event.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.effects import BoucWen, Breaking, ElasticPlastic, LeadRubber, LinearSpring, Maxwell
+from eig3.effects import BoucWen, Breaking, ElasticPlastic, LeadRubber, LinearDamper, LinearSpring, Maxwell, RigidStop
 from eig3.scene import Scene
 
 from .conftest import refusals
@@ -83,6 +83,20 @@ def test_a_brace_breaks_by_the_energy_that_it_absorbs(tmp_path):
     assert run.drift["energy"] < 1e-6
     run.save(tmp_path / "run.npz")
     np.testing.assert_array_equal(eig3.load(tmp_path / "run.npz").z["breaking"], run.z["breaking"])
+
+
+@pytest.mark.parametrize("steps", [{"h": 1e-3}, {"rtol": 1e-8}])
+def test_a_damper_breaks_at_an_impact_that_reverses_its_force(steps):
+    """It pushed before, and would pull with more than its strength after. The mass then flies on with its speed."""
+    scene = Scene(dimension=1)
+    ground, mass = scene.fixed(0.0), scene.mass(2.0, 1.0, velocity=-3.0)
+    scene.add(Breaking(LinearDamper(4.0), max_force=2.0), ground, mass)
+    scene.add(RigidStop(normal=1.0, offset=0.7, restitution=0.5), mass)
+    run = scene.problem((0, 1)).integrate(**steps)
+    (impact,), (end,) = (run.events[name].t for name in ("rigid stop 0", "breaking 0"))
+    assert impact == end
+    speed = 0.5 * (3.0 - 4.0 / 2.0 * 0.3)  # the impulse of the damper is 4 N s/m times its way of 0.3 m
+    assert run.v[-1, 0] == pytest.approx(speed, abs=1e-5)  # of EIG-3: h^2
 
 
 def test_a_body_breaks_loose():

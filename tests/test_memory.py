@@ -22,6 +22,7 @@ from eig3.effects import (
     Link,
     Maxwell,
     Multilinear,
+    RigidStop,
 )
 from eig3.scene import Scene
 
@@ -68,6 +69,29 @@ def test_the_states_of_links_have_numbers_by_their_effect():
     pulls[:, 0] -= 4.0 * run.z["bouc wen"]
     np.testing.assert_allclose(run.a, pulls / [1.0, 2.0, 3.0], rtol=0, atol=1e-12)
     assert v.shape == x.shape
+
+
+@pytest.mark.parametrize("steps", [{"h": 1e-4}, {"rtol": 1e-8}])
+@pytest.mark.parametrize("members", [1, 20])
+def test_a_link_that_yields_turns_at_an_impact(members, steps):
+    """The impact reverses the rate. The mass then has the elastic range before it, yields again, and comes to rest.
+
+    Energies give the place where it rests. EIG-3 has the order 2: its error is some a h^2, with h = 1e-4 and a = 5.
+    """
+    m, k, yield_force, stop, v0, restitution = 2.0, 400.0, 10.0, -0.3, -3.0, 0.5
+    scene = Scene(dimension=1)
+    ground, mass = scene.fixed(0.0), scene.mass(m, 1.0, velocity=v0)
+    scene.add(ElasticPlastic(k, yield_force, rest_length=1.0), ground, mass)
+    scene.add(RigidStop(normal=1.0, offset=1.0 + stop, restitution=restitution), mass)
+    problem = scene.problem((0, 0.45))
+    starts = np.tile(problem.v0, (members, 1))
+    turns = problem.ensemble(v0=starts, **steps).events["elastic plastic 0"]
+    at_yield = yield_force / k
+    energy = m * v0**2 / 2 - k * at_yield**2 / 2 - yield_force * (-stop - at_yield)
+    farthest = 1 + stop + 2 * at_yield + restitution**2 * energy / yield_force
+    np.testing.assert_array_equal(np.bincount(turns.member), 2)
+    expected = np.repeat([1 + stop, farthest], members)
+    np.testing.assert_allclose(np.sort(turns.u[:, 0]), expected, rtol=0, atol=1e-6)
 
 
 def test_an_elastic_plastic_step_response():

@@ -76,10 +76,19 @@ class EffectEvent(Event):
     turns : bool
         Whether the event is the turn of a link that yields. Then only a start beyond yield with a velocity back breaks
         the rule. Without a rule, such a link turns at the start.
+    is_of_state : bool
+        Whether the event changes the state of the effect alone. If a run must not start behind it, a reset of another
+        event that moves g there, such as an impact, causes it too.
     """
 
     rule: str = ""
     turns: bool = False
+    is_of_state: bool = False
+
+    @property
+    def follows_resets(self) -> bool:
+        """Whether a reset of another event causes it too."""
+        return self.is_of_state and bool(self.rule or self.turns)
 
 
 @dataclass(frozen=True, eq=False)

@@ -299,8 +299,9 @@ class _Functions(Text):
             g, apply = _members(functions[f"event_{k}"], count), [unchanged if changes else None] * count
             if f"reset_{k}" in functions:
                 apply = _members(functions[f"reset_{k}"], count)
+            rule = effect.rule, effect.turns, {*law.functions} & {*RESETS} == {"state_after"}
             for s, number in enumerate(law.events):
-                found[names[number]] = EffectEvent(g[s], effect.crossing, False, apply[s], effect.rule, effect.turns)
+                found[names[number]] = EffectEvent(g[s], effect.crossing, False, apply[s], *rule)
         return {name: found[name] for name in names}  # in the order in which the effects were added
 
     # The parts of these functions

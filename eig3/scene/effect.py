@@ -76,6 +76,7 @@ class Effect:
     at_start : str
         For a `crossing` that is not 0: what must hold at the start of a run, as "offset must be below each mass". A
         start at the event or behind it is then refused, because the event would not occur. Empty if it may be there.
+        An impact that leads behind it causes the event too, if it changes the state alone.
     turns : bool
         Whether the event is a turn: only a start beyond yield with a velocity back is then refused. Without `at_start`,
         the link turns there.

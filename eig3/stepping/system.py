@@ -69,7 +69,7 @@ class System:
         The work that the threads of a run share.
     event_callbacks : list of (Callback, Callback or None)
         For each event, g and apply.
-    event_table : ndarray, shape (k, 7)
+    event_table : ndarray, shape (k, 8)
         The table of events for a kernel; see `eig3.kernels.protocol.Watch`.
     history : list of Callback or None
         The functions of the history of the right-hand side, if it has one.
@@ -115,11 +115,14 @@ class System:
             self._check(self.method.jacobian, "jacobian", form)
         self.event_callbacks = [self._check_event(name, event) for name, event in self.events.items()]
         together = _together([g.quiet for g, _ in self.event_callbacks])
+        follows = [getattr(event, "follows_resets", False) for event in self.events.values()]
         table = [
-            (g.address, apply.address if apply else 0, event.direction, event.terminal, count, *g.quiet)
-            for (g, apply), event, count in zip(self.event_callbacks, self.events.values(), together, strict=True)
+            (g.address, apply.address if apply else 0, event.direction, event.terminal, count, *g.quiet, follow)
+            for (g, apply), event, count, follow in zip(
+                self.event_callbacks, self.events.values(), together, follows, strict=True
+            )
         ]
-        self.event_table = np.array(table, dtype=np.int64).reshape(len(table), 7)
+        self.event_table = np.array(table, dtype=np.int64).reshape(len(table), 8)
         self.history = history and [self._check(function, "invariant", form) for function in history]
         self.constrained_step = constraints and address_of(
             compiled(constraints.constrained_step, form.constrained_step.args)

@@ -226,7 +226,7 @@ def events_of(
             for s in range(count):
                 name = f"{kind.title} {counts[kind.title] + s}"
                 change = apply[s] if changes else None
-                found[name] = EffectEvent(g[s], kind.crossing, False, change, kind.rule, kind.turns)
+                found[name] = EffectEvent(g[s], kind.crossing, False, change, kind.rule, kind.turns, changes)
             counts[kind.title] += count
         before += f" + {kind.size} * {number_of_links(k, kind.directions)}" * kind.has_state
     return found

@@ -44,7 +44,7 @@ LATER = 4.0  # the step after a reset is at most this multiple of the time since
 
 EPSILON = 2.0**-52
 NEAR = 16  # spacings of t by which the computed time of an event, or t0 + n h, may be wrong
-G, _APPLY, _DIRECTION, _IS_TERMINAL, TOGETHER, QUIET, NUMBER = range(7)  # the columns of `Watch.events`
+G, _APPLY, _DIRECTION, _IS_TERMINAL, TOGETHER, QUIET, NUMBER, _FOLLOWS = range(8)  # the columns of `Watch.events`
 SIDE, LAST, _FREE, _LEVEL = range(EVENT_VALUES)  # the values of an event in the counters, from `EVENTS` on
 _DUE, _CROSSING, _END, _HERE = range(4)  # the rows of `Watch.search`
 _NEVER = math.inf  # stands for the fraction of the step at which g changes its sign, if it does not
@@ -153,14 +153,16 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
             if search[_END, k] != 0 and counters[mine + _FREE] == 0:
                 counters[mine + SIDE] = search[_END, k]
         return outcome, 1.0, t_end
+    near = _TOGETHER * tolerance
+    if outcome == RESET:
+        for k in range(count):
+            if watch.events[k, _FOLLOWS] != 0 and abs(search[_CROSSING, k] - s) > near:
+                here, g = search[_HERE, k], EVENT(watch.events[k, G], stop, u, v, p)
+                if here * g < 0 and not _is_unwanted(watch.events[k, _DIRECTION], here):
+                    outcome = max(outcome, TAKE(place, counters, k, t0, stop, n, u, v, p))
     for k in range(count):
-        _note_side(
-            search,
-            counters,
-            k,
-            abs(search[_CROSSING, k] - s) <= _TOGETHER * tolerance,
-            EVENT(watch.events[k, G], stop, u, v, p),
-        )
+        is_crossing = abs(search[_CROSSING, k] - s) <= near
+        _note_side(search, counters, k, is_crossing, EVENT(watch.events[k, G], stop, u, v, p))
     return outcome, s, stop
 
 
