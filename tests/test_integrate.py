@@ -458,7 +458,6 @@ BAD_VALUES = [
     ({"u0": np.nan}, "u0 must be finite, but it holds nan."),
     ({"v0": np.inf}, "v0 must be finite, but it holds inf."),
     ({"h": 0}, "h must be a positive, finite number of time units, not 0."),
-    ({"h": True}, "h must be a positive, finite number of time units, not True."),
     ({"h": -0.1}, "h must be a positive, finite number of time units, not -0.1."),
     ({"h": np.nan}, "h must be a positive, finite number of time units, not nan."),
     ({"h": np.inf}, "h must be a positive, finite number of time units, not inf."),

@@ -86,7 +86,7 @@ def check_time(t: float, name: str) -> float:
 def check_h(h: float) -> float:
     """Return the step, which must be positive and finite, as a float."""
     step = h if type(h) is float else reals(h, "h")
-    if isinstance(h, bool) or np.ndim(step) != 0 or not (math.isfinite(step) and step > 0):
+    if np.ndim(step) != 0 or not (math.isfinite(step) and step > 0):
         raise ValueError(f"h must be a positive, finite number of time units, not {shown(h)}.")
     return float(step)
 
