@@ -142,6 +142,12 @@ def test_what_is_not_known_is_not_kept(function):
     assert not content(eig3.jit(function))
 
 
+@pytest.mark.parametrize("name", eig3.math.__all__)
+def test_functions_of_the_library_are_known(name):
+    """The attribute math.sqrt in the function sqrt once looked like a call of itself, whose code cannot be kept."""
+    assert content(getattr(eig3.math, name))
+
+
 ONE_NAME = r"""
 import sys
 

@@ -474,7 +474,7 @@ def test_every_parameter_with_a_dimension_has_its_unit(name):
 
 def test_units_of_the_quantities():
     pendulum, relaxation = problems.spring_pendulum(), problems.van_der_pol()
-    labels = [Measure.parse(text).label(pendulum) for text in ("max:u1", "end:v0", "drift:energy", "max:u1-u1")]
+    labels = [Measure.parse(text).label(pendulum) for text in ("max:u1", "end:v0", "drift:energy", "max: u1 - u1")]
     assert labels == ["largest u1 (rad)", "last v0 (m/s)", "drift of energy (J)", "largest u1-u1 (rad)"]
     assert Measure.parse("peak:v").label(relaxation) == "peak v (1/s)"
     assert eig3.problems.duffing().unit("v") == "m/s"

@@ -55,7 +55,8 @@ class Measure:
             If the measure does not exist.
         """
         kind, _, quantity = text.partition(":")
-        measure = cls(kind.strip(), quantity.strip())
+        joined = quantity.replace(" ", "")  # the name of an output may have spaces
+        measure = cls(kind.strip(), joined if _COMPONENTS.fullmatch(joined) else quantity.strip())
         if measure.kind not in KINDS or not measure.quantity:
             raise measure._unknown()
         return measure

@@ -89,7 +89,10 @@ def places(function: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
     cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
     outer = [(name, partial(_content, cell)) for name, cell in cells]
     names, seen = [*dict.fromkeys(names_in(code))], set[ModuleType]()
-    variables = names if _is_ours(function) else _globals(code)  # of ours, nothing is compared: to find them takes time
+    modules = [namespace[name] for name in names if isinstance(namespace.get(name), ModuleType)]
+    # To read the code takes time: of ours, only where an attribute such as math.log has the name of a variable too.
+    is_clear = _is_ours(function) and not any(hasattr(m, name) for m in modules for name in names if name in namespace)
+    variables = names if is_clear else _globals(code)
     outer += [(name, partial(namespace.get, name)) for name in variables if name in namespace]
     for name, read in outer:
         yield name, read

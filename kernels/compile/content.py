@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import importlib
 import sys
 import zlib
 from collections.abc import Iterator, Mapping
@@ -23,6 +24,7 @@ from .numba_internals import Jitted, options_of
 
 # Of other types, such as those that Numba makes of a user's class, the module and the name do not tell the content.
 _NAMED = type, FunctionType, BuiltinFunctionType, type(np.dot)
+_PACKAGE = f"{__name__.partition('.')[0]}."
 _ROOTS = "numpy", "numba", "math", "cmath", "builtins", "operator"  # modules of fixed content: their versions tell it
 
 
@@ -44,6 +46,8 @@ def content(function: Any, *, is_named: bool = True) -> str:
 def _own_content(function: Any, numbers: Mapping[Any, int], is_named: bool) -> str:
     """Return the content of a function, with the numbers of those that it calls; empty if it is unknown."""
     plain = function.py_func
+    if (plain.__module__ or "").startswith(_PACKAGE):  # the module of a pickled problem may not be imported yet
+        importlib.import_module(plain.__module__)
     if plain.__module__ not in sys.modules or not is_plain(plain.__defaults__ or ()):
         return ""
     name = f"{plain.__module__}.{plain.__qualname__}" if is_named else ""
@@ -107,7 +111,7 @@ def _of_library(value: Any) -> str:
     if defined is not value and hasattr(defined, "content"):
         return str(defined.content)
     module, name = getattr(defined, "__module__", None) or "", getattr(defined, "__name__", "")
-    if not module.startswith(__name__.partition(".")[0] + "."):
+    if not module.startswith(_PACKAGE):
         return ""
     known = getattr(sys.modules[module], name, None)
     code = getattr(getattr(known, "_defn", known), "__code__", None)  # an intrinsic that was pickled is another object
