@@ -221,6 +221,11 @@ def _minimise(
             last[q.tobytes()] = model.residuals(values(q)) / model.size
         return last[q.tobytes()]
 
+    jump, steps = 0.0, np.full(free.sum(), np.sqrt(rtol or 0.0))  # the steps grow until the residuals change by more
+    if rtol is not None:
+        of_steps = model.errors_of_steps(first, residuals(first[free] / lengths[free]) * model.size)
+        jump = float(np.linalg.norm(np.nan_to_num(of_steps))) / model.size
+
     def derivatives(q: np.ndarray) -> np.ndarray:
         here, columns = residuals(q), []
         for i in range(len(q)):
@@ -235,10 +240,7 @@ def _minimise(
             columns.append(change / (there[i] - q[i]))
         return np.column_stack(columns)
 
-    steps, jac, jump = np.full(free.sum(), np.sqrt(rtol or 0.0)), "2-point" if rtol is None else derivatives, 0.0
-    if rtol is not None:
-        of_steps = model.errors_of_steps(first, residuals(first[free] / lengths[free]) * model.size)
-        jump = float(np.linalg.norm(np.nan_to_num(of_steps))) / model.size
+    jac = "2-point" if rtol is None else derivatives
     limits = {"ftol": _TOLERANCE, "xtol": _TOLERANCE, "gtol": _NO_GRADIENT}
     try:
         with np.errstate(invalid="ignore"):  # from infinite residuals

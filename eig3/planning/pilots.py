@@ -253,9 +253,12 @@ class Pilots:
             self._growth = max(1.0, whole.error / error)
 
     def note_growth(self, short: Sequence[Run], part: float, run: Run) -> None:
-        """Extrapolate with the power of time that a run over a longer part shows beside a run with the same steps."""
+        """Extrapolate with the power of time that a run over a longer part shows beside a run with the same steps.
+
+        The ratio to the error over the whole span is better, if it is known.
+        """
         same = run.n_steps * self.part / part
-        for each in short:
+        for each in short if self._growth is None else ():
             if each.n_steps == same and each.seen_error > 0 and 0 < run.seen_error < CONVERGING:
                 power = math.log(run.seen_error / each.seen_error) / math.log(part / self.part)
                 self.least_power = max(self.least_power, min(2.0, power))

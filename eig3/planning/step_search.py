@@ -145,7 +145,8 @@ def _beside(longer: Sequence[tuple[float, Run]], search: Search, seconds: float)
                 f"with h = {t / run.n_steps:.2g}"
             )
         pilots.note_growth(search.runs, part, run)
-    if not pilots.least_power:
+    growth = (1 / pilots.part) ** pilots.least_power
+    if all(run.error >= growth * run.seen_error for run in search.runs):  # the errors were extrapolated so far already
         return search
     again = Search(pilots, search.method)
     if _double(again, seconds):

@@ -230,13 +230,13 @@ class Study:
             start = {"u0": before.u[alive, -1], "v0": before.v[alive, -1]}
             start["params"] = _parameters([p for p, is_alive in zip(problems, alive, strict=True) if is_alive])
             start |= {"z0": {name: x[alive, -1] for name, x in before.z.items()}} if before.z else {}
-        found: dict[bool, dict[Any, str]] = {False: {}, True: {}}  # the names of outputs, and of invariants
+        outputs, invariants = dict[Any, str](), dict[Any, str]()  # the name of each function
         names: list[str] = []
-        for measure in self.measures:
-            of_kind, function = found[measure.kind == "drift"], measure.function(problem)
-            names.append(of_kind.setdefault(function, f"quantity {len(names)}"))
-        outputs, invariants = ({name: f for f, name in of_kind.items()} for of_kind in found.values())
-        solution = self._ensemble(problem, start, invariants=invariants, outputs=outputs)
+        for k, measure in enumerate(self.measures):
+            known = invariants if measure.kind == "drift" else outputs
+            names.append(known.setdefault(measure.function(problem), f"quantity {k}"))
+        by_name = [{name: function for function, name in known.items()} for known in (outputs, invariants)]
+        solution = self._ensemble(problem, start, outputs=by_name[0], invariants=by_name[1])
         self.status[members] = solution.status
         for measure, name in zip(self.measures, names, strict=True):
             self.values[str(measure)][members] = measure.of(solution, name)
