@@ -13,7 +13,7 @@ import pytest
 import eig3
 from eig3 import problems
 from eig3.cli import main
-from eig3.effects import LinearDamper, LinearSpring
+from eig3.effects import BreakingString, LinearDamper, LinearSpring
 from eig3.functions.checks import check_method
 from eig3.methods import LIBRARY
 from eig3.planning import kinds, pilots, planner, step_search
@@ -205,6 +205,20 @@ def test_the_error_of_16_000_orbits_is_that_of_the_plan():
 def test_round_off_is_reported():
     plan = eig3.plan(problems.single_dof(t_end=100.0), 1e-14, methods=["rk4"])
     assert not plan.predictions[0].reaches
+
+
+def test_whether_a_string_is_broken_is_no_length():
+    """The state of the string, 0 or 1, is as large as the motion in metres, and a million times larger in the other."""
+    steps = []
+    for metre in (2.0**-20, 1.0):
+        scene = Scene(dimension=2)
+        ends = scene.fixed((0, 0)), scene.mass(1.0, (metre, 0), velocity=(2 * metre, 0.3 * metre))
+        scene.add(LinearSpring(20.0, rest_length=metre), *ends)
+        scene.add(BreakingString(30.0, rest_length=metre, strength=6 * metre), *ends)
+        problem = scene.problem((0, 6))
+        (prediction,) = eig3.plan(problem, 1e-4, methods=["cd"]).predictions
+        steps.append((prediction.n_steps, problem.integrate(accuracy=1e-4, method="cd").n_steps))
+    assert steps[0] == steps[1]
 
 
 def test_a_large_system_is_not_given_newtons_differences():

@@ -24,6 +24,7 @@ from ..run.accuracy import (
     check_accuracy_names,
     first_rtol,
     learned,
+    values_of,
     why,
 )
 from ..stepping.march import Cancel
@@ -131,9 +132,7 @@ def _misses(goal: Goal, solution: EnsembleSolution) -> np.ndarray:
         if name in solution.events:
             size = np.nanmax(solution.t, axis=1) - solution.t[:, 0] if goal.scale is None else goal.scale
         else:
-            size = _sizes(
-                goal, getattr(solution, name) if name in ("u", "v") else (solution.outputs | solution.z)[name]
-            )
+            size = _sizes(goal, values_of(solution, name))
         found = np.maximum(found, solution.error.largest.get(name, unknown) / size / wanted)
     return np.where(solution.success, np.where(np.isnan(found), np.inf, found), np.nan)
 

@@ -124,6 +124,7 @@ class Pilots:
         self.least_power = 0.0
         self._largest = math.inf  # a motion that is larger is unstable
         self._sizes = -np.ones(2)  # the largest |u| and |v| of the motion; negative if none is known
+        self._moves: Any = slice(None)  # events write the degrees of freedom that do not move, whose units differ
         u0, v0 = problem.u0, problem.v0
         if problem.z0 and (problem.unknowns.is_read or not self.needs_reference):
             u0, v0 = problem.start
@@ -200,6 +201,8 @@ class Pilots:
         self._seen = history
         if self.part == 1:
             self._survey = history
+        if np.ndim(history.v) > 1:
+            self._moves = np.any(self._motion(history.v) != 0, axis=0)
         known = 0.0 if self._survey is None else self._sizes_of(self._survey)
         self._sizes = np.maximum(self._sizes_of(history), known)
 
@@ -210,7 +213,9 @@ class Pilots:
 
     def trust(self) -> None:
         """Trust the reference: a run with a much larger motion then counts as unstable."""
-        self._largest = math.inf if math.isnan(self.size) else _DIVERGED * self.size
+        assert self._seen is not None
+        written = float(np.abs(self._motion(self._seen.u)).max())  # also by events
+        self._largest = math.inf if math.isnan(self.size) else _DIVERGED * max(self.size, written)
 
     @property
     def is_surveyed(self) -> bool:
@@ -420,7 +425,7 @@ class Pilots:
         u, v = self._sizes
         if u < 0:
             return math.inf
-        u = max(u, np.abs(self._motion(self._u0)).max())
+        u = max(u, np.abs(self._moving(self._u0)).max(initial=0.0))
         return float(u) if v * self.span > _STILL * u else math.nan
 
     def _stepper(self, method: Method, h: float, start: tuple[float, Any, Any] | None = None) -> Stepper:
@@ -484,8 +489,12 @@ class Pilots:
         """Return u or v without first-order unknowns."""
         return x[..., : np.size(self.problem.u0)] if self.problem.z0 else x
 
+    def _moving(self, x: Any) -> Any:
+        """Return u or v of what moves."""
+        return np.atleast_1d(self._motion(x))[..., self._moves]
+
     def _sizes_of(self, history: History) -> np.ndarray:
-        return np.array([np.abs(self._motion(x)).max() for x in (history.u, history.v)])
+        return np.array([np.abs(self._moving(x)).max(initial=0.0) for x in (history.u, history.v)])
 
     def _compile(self, method: Method, argument: str, run: Callable[[], Any]) -> None:
         """Compile the kernels of a method by a first run, whose time does not count."""
@@ -520,7 +529,7 @@ class Pilots:
         else:
             both = math.gcd(len(history.u), len(self._reference.u))
             t, u, known = (x[len(x) // both - 1 :: len(x) // both] for x in (history.t, history.u, self._reference.u))
-        errors = np.abs(self._motion(u) - self._motion(known)).reshape(len(t), -1).max(axis=1) / self.size
+        errors = np.abs(self._moving(u) - self._moving(known)).reshape(len(t), -1).max(axis=1, initial=0.0) / self.size
         error, half = float(errors.max()), float(errors[t <= sum(self.window) / 2].max(initial=0.0))
         return error, min(2.0, max(0.0, math.log2(error / half))) if half > 0 else 1.0
 

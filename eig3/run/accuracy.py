@@ -85,8 +85,7 @@ class Goal(NamedTuple):
             elif name in solution.events:
                 error = largest[name] / (self.scale or solution.t[-1] - solution.t[0])
             else:
-                values = getattr(solution, name) if name in ("u", "v") else _values(solution, name)
-                error = largest[name] / self._size(values)
+                error = largest[name] / self._size(values_of(solution, name))
             found[name] = math.inf if math.isnan(error) else error / wanted
         return found
 
@@ -95,8 +94,13 @@ class Goal(NamedTuple):
         return self.scale or largest or 1.0
 
 
-def _values(solution: Solution, name: str) -> np.ndarray:
-    return np.asarray((solution.outputs | solution.z).get(name, 1.0))
+def values_of(solution: Any, name: str) -> np.ndarray:
+    """Return the saved values of a quantity: of u, those that move. Events write the others, which have other units."""
+    if name == "v":
+        return solution.v
+    if name == "u" and solution.u.ndim > solution.t.ndim:
+        return np.where(np.any(np.abs(solution.v) > 0, axis=-2, keepdims=True), solution.u, 0.0)
+    return solution.u if name == "u" else np.asarray((solution.outputs | solution.z).get(name, 1.0))
 
 
 class Deadline:
