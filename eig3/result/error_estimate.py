@@ -48,7 +48,7 @@ class ErrorEstimate:
     t : ndarray, shape (m,)
         The times of the saved states.
     u, v : ndarray, shape (m,) or (m, n)
-        NaN after the end of the compared run, if it ended before.
+        NaN after the end of the compared run, if it ended before, and in u for what only events change.
     outputs, z : dict of str to ndarray
         As in the solution. Members of an ensemble with tolerances have them if they save only their ends, or with
         `t_eval`.
@@ -178,7 +178,7 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
     If `coarser` is known, see `ErrorEstimate`, `fine` may be a coarser run, and another one only gives its name.
     """
     order = solution.method.order if fine.is_fixed else None
-    scale = _scale(solution.u)
+    scale = _scale(solution)
     first = (_at(fine.rows, solution.u) - fine.u) / scale
     is_tiny = bool(np.abs(first).max(initial=0.0) < _ROUND_OFF)
     notes: list[str] = []
@@ -209,6 +209,7 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
         return _everywhere(solution.t, fine.rows, found)
 
     u = errors(solution.u, fine.u)
+    u[..., np.isinf(scale)] = np.nan
     until, note = _reliable_until(solution.t, u, scale)
     notes += [note] if note else []
     own, other = fine.own, fine.solution
@@ -242,7 +243,7 @@ def clear_estimate(solution: Any, near: Companion, far: Companion) -> ErrorEstim
     reaches_end = near.rows[-1] == len(solution.t) - 1
     if not (near.solution.success and far.solution.success and reaches_end):
         return None
-    differences = Differences.of(solution, near, far, _scale(solution.u))
+    differences = Differences.of(solution, near, far, _scale(solution))
     seen = differences.ratio()
     observed = None if seen is None else float(_order(seen, far.ratio, near.ratio))
     if observed is None or abs(observed - solution.method.order) > _CLEAR or not differences.is_whole:
@@ -257,7 +258,9 @@ def losses(solution: Any, error: ErrorEstimate, starts: Mapping[str, float]) -> 
     A method may damp a fast motion away in all compared runs, which then agree. `starts` are the values of the
     invariants at the start.
     """
-    if error.reliable_until is not None or error.largest["u"] >= _SMALL_ERROR * _largest(solution.u):
+    scale = _scale(solution)
+    size = np.max(scale, where=np.isfinite(scale), initial=0.0)
+    if error.reliable_until is not None or error.largest["u"] >= _SMALL_ERROR * size:
         return
     for name, start in starts.items():
         drift, found = solution.drift[name], solution.extremes[name]
@@ -270,11 +273,24 @@ def losses(solution: Any, error: ErrorEstimate, starts: Mapping[str, float]) -> 
             )
 
 
-def _scale(u: np.ndarray) -> Any:
-    """Return the size of the motion of each degree of freedom."""
-    sizes = _largest_of_each(u) if len(u) else np.zeros(u.shape[1:])
+def _scale(solution: Any) -> Any:
+    """Return the size of the motion of each degree of freedom; infinity for what only events change."""
+    u, only = solution.u, written(solution)
+    sizes = np.where(only, 0.0, _largest_of_each(u) if len(u) else np.zeros(u.shape[1:]))
     largest = float(np.max(sizes, initial=0.0))
-    return np.maximum(sizes, max(_SMALL * largest, np.finfo(float).tiny))
+    return np.where(only, np.inf, np.maximum(sizes, max(_SMALL * largest, np.finfo(float).tiny)))
+
+
+def written(solution: Any) -> Any:
+    """Return which degrees of freedom do not move: only events change them, such as whether a string is broken.
+
+    They have other units than what moves, and an event that is a little late leaves them as different as they can be.
+    """
+    axis = solution.t.ndim - 1
+    if not solution.events:
+        return np.zeros(np.delete(solution.u.shape, axis), dtype=bool)
+    still = ~np.any(np.abs(solution.v) > 0, axis=axis)
+    return still & ~still.all()
 
 
 def _largest_of_each(u: np.ndarray) -> Any:
@@ -500,7 +516,7 @@ def _reliable_until(t: np.ndarray, u: np.ndarray, scale: Any) -> tuple[float | N
     """Return the time after which no digit is right, and a sentence about the growth of the error."""
     if not np.fmax.reduce(_largest_of_each(u) / scale, axis=None, initial=0.0) >= _NO_DIGIT:
         return None, ""
-    relative = np.abs(u / scale).reshape(len(t), -1).max(axis=1)
+    relative = np.fmax.reduce(np.abs(u / scale).reshape(len(t), -1), axis=1)
     wrong = np.flatnonzero(relative >= _NO_DIGIT)
     if not len(wrong):
         return None, ""

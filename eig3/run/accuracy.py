@@ -15,7 +15,7 @@ from ..functions.companions import history_of
 from ..functions.layout import unknown_name
 from ..kernels.compile.interrupt import keeping
 from ..methods import RK5, RK8, RKN12
-from ..result.error_estimate import ErrorEstimate
+from ..result.error_estimate import ErrorEstimate, written
 from ..result.solution import Solution, Status
 from ..stepping.march import Cancel
 from ..stepping.run_options import RunOptions
@@ -95,12 +95,10 @@ class Goal(NamedTuple):
 
 
 def values_of(solution: Any, name: str) -> np.ndarray:
-    """Return the saved values of a quantity: of u, those that move. Events write the others, which have other units."""
-    if name == "v":
-        return solution.v
-    if name == "u" and solution.u.ndim > solution.t.ndim:
-        return np.where(np.any(np.abs(solution.v) > 0, axis=-2, keepdims=True), solution.u, 0.0)
-    return solution.u if name == "u" else np.asarray((solution.outputs | solution.z).get(name, 1.0))
+    """Return the saved values of a quantity, with zeros in u for what only events change."""
+    if name == "u":
+        return np.where(np.expand_dims(written(solution), solution.t.ndim - 1), 0.0, solution.u)
+    return solution.v if name == "v" else np.asarray((solution.outputs | solution.z).get(name, 1.0))
 
 
 class Deadline:
