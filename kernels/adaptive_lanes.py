@@ -306,7 +306,7 @@ def widen_sizes(atol, of, y):
             j = d * LANES + lane
             u_now, v_now = max(u_most[j], abs(u[j])), max(v_most[j], abs(v[j]))
             u_most[j], v_most[j] = u_now, v_now
-            most[lane] = max(most[lane], u_now if counts else 0.0)
+            most[lane] = max(most[lane], u_now if counts and v_now > 0 else 0.0)
             more[lane] = max(more[lane], v_now if counts else 0.0)
     for lane in range(LANES):
         is_new = (more[lane] > v_blur[lane]) & (ok[lane] > 0)

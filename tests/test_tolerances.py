@@ -231,6 +231,20 @@ def test_a_motion_below_the_tolerances_is_named():
     assert not run(journey, (0, 60), [0.0, 0.0], [50.0, 0.0], 20.0, **options).notes
 
 
+@eig3.jit
+def bristle(t, u, v, z, p, a, dz):
+    """The friction of bristles, whose deflection z is 1e-5 m at most, on a brake at 30 m/s."""
+    a[0] = -p[0] * z[0]
+    dz[0] = v[0] * (1 - z[0] / 1e-5)
+
+
+@pytest.mark.parametrize(("rtol", "named"), [(1e-3, True), (1e-8, False)])
+def test_a_first_order_unknown_below_the_tolerances_is_named(rtol, named):
+    """A step may have the error 1e-3 rtol of the largest speed, and a tenth of z is 1e-6."""
+    solution = eig3.integrate(bristle, (0, 1), [0.0], [30.0], z0=[0.0], params=1e6, rtol=rtol, method="rk5")
+    assert any("The motion of z[0] is so small" in note for note in solution.notes) is named
+
+
 @pytest.mark.parametrize("size", [1.0, 0.01, 1e-5])
 def test_the_steps_follow_from_the_sizes_of_each_degree(size):
     """Two springs of which one moves less: down to 1e-3 its size does not matter, and its errors are relative to it."""

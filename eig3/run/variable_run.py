@@ -281,9 +281,9 @@ class VariableRun(Run):
     def _notes(self) -> list[str]:
         stepper = self.stepper
         notes = self._invariant_notes("take a smaller rtol, or a fixed step with a method that keeps it")
-        tiny = stepper.tiny if stepper.n > 1 else ()
-        if len(tiny):
-            which = ", ".join(f"u[{j}]" for j in tiny[:_NAMED]) + (", ..." if len(tiny) > _NAMED else "")
+        tiny = stepper.tiny if stepper.n > 1 else []
+        if tiny:
+            which = ", ".join(tiny[:_NAMED]) + (", ..." if len(tiny) > _NAMED else "")
             notes.append(
                 f"The motion of {which} is so small relative to the largest motion that the error of a step may be a "
                 "tenth of it or more. Give atol, or a smaller rtol, if it matters."

@@ -13,7 +13,7 @@ from ..kernels.loops import variable
 from ..kernels.loops.fixed import STACKED_DEGREES
 from ..kernels.loops.formulas import variable_formulas
 from ..kernels.loops.observe import Observation
-from ..kernels.loops.pair import U_MOST, A, U, V
+from ..kernels.loops.pair import U_MOST, V_MOST, A, U, V
 from ..kernels.loops.variable import least_size
 from ..kernels.protocol import (
     BY_SPAN,
@@ -25,6 +25,7 @@ from ..kernels.protocol import (
     STEP_BEFORE,
     TIME,
     U_SIZE,
+    V_SIZE,
     Span,
 )
 from ..methods import Method
@@ -125,11 +126,19 @@ class VariableStepper(March):
         return float(self.counters[SILENT_STEP]), float(self.counters[SILENT_END])
 
     @property
-    def tiny(self) -> np.ndarray:
-        """The degrees of freedom that move, but by less than ten times the allowed error of a step."""
-        rtol, largest, sizes = self.tolerances.rtol, self.counters[U_SIZE], self.state[U_MOST]  # zeros with atol
-        tolerance = rtol * least_size(rtol) * largest
-        return np.flatnonzero((sizes > _STANDING * largest) & (sizes < 10 * tolerance))
+    def tiny(self) -> list[str]:
+        """What moves, but by less than ten times the allowed error of a step."""
+        tolerances, found = self.tolerances, []
+        of_z = np.isinf(tolerances.atol[0])
+        sizes = np.where(self.state[V_MOST] > 0, self.state[U_MOST], 0.0), self.state[V_MOST]  # zeros with atol
+        for name, each, largest, are in (
+            ("u", sizes[0], self.counters[U_SIZE], ~of_z),
+            ("z", sizes[1], self.counters[V_SIZE], of_z & np.isfinite(tolerances.atol[1])),
+        ):
+            tolerance = tolerances.rtol * least_size(tolerances.rtol) * largest
+            small = (each[are] > _STANDING * largest) & (each[are] < 10 * tolerance)
+            found += [f"{name}[{j}]" for j in np.flatnonzero(small)]
+        return found
 
     @property
     def states_between(self) -> Any:

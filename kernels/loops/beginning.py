@@ -67,11 +67,18 @@ def least_size(rtol):
 
 @element
 def set_sizes(counters, y, n, atol):
-    """Write the sizes of u and v at the start. Velocities that are all zero get the size sqrt(u a) of vibrations."""
-    a_size = 0.0
+    """Write the sizes of u and v at the start. Velocities that are all zero get the size sqrt(u a) of vibrations.
+
+    What only events change, such as whether a string is broken, sets no size of the others.
+    """
+    a_size, fastest = 0.0, 0.0
+    for j in range(n):
+        if atol[0, j] < math.inf:  # not a first-order unknown
+            fastest = max(fastest, abs(y[V][j]), abs(y[A][j]))
     for j in range(n):
         y[U_MOST][j], y[V_MOST][j] = abs(y[U][j]), abs(y[V][j])
-        if atol[0, j] < math.inf:  # not a first-order unknown
+        moves = fastest == 0 or y[V][j] != 0 or y[A][j] != 0
+        if moves and atol[0, j] < math.inf:
             counters[U_SIZE], counters[V_SIZE] = (
                 max(counters[U_SIZE], abs(y[U][j])),
                 max(counters[V_SIZE], abs(y[V][j])),

@@ -166,7 +166,7 @@ def variable(callbacks, state, observation, counters, span, look):
             u_size, v_size = counters[U_SIZE], counters[V_SIZE]
             for j in range(n):
                 y[U_MOST][j], y[V_MOST][j] = max(y[U_MOST][j], abs(u[j])), max(y[V_MOST][j], abs(v[j]))
-                if span.atol[0, j] < math.inf:  # not a first-order unknown
+                if span.atol[0, j] < math.inf and y[V_MOST][j] > 0:  # no first-order unknown, nor written by events
                     u_size, v_size = max(u_size, y[U_MOST][j]), max(v_size, y[V_MOST][j])
             if v_size > v_blur:
                 counters[U_SIZE], counters[V_SIZE] = u_size, v_size
