@@ -335,19 +335,21 @@ def level(own, t, u, v, p, c, n, rows, d):
 def approach(own, t, u, x, p, place, c, n, rows, d):
     """Add W G^T l to x, with the gradients of a state before, until u + x keeps the constraints; return success.
 
-    The iteration ends at the round-off: where phi is small, and falls no longer. If it does not fall before, the step
-    is too long, or the constraints almost depend on each other.
+    The iteration ends at the round-off: where phi is small, and falls no longer. If it does not fall in two iterations
+    before, the step is too long, or the constraints almost depend on each other. In one of them it may rise: the
+    largest phi is small by chance where it changes its sign along the run.
     """
-    last = math.inf
+    last = before = math.inf
     for _ in range(MOST_ITERATIONS):
         for j in range(d * n):
             c.ways[j] = u[j] + x[j]
         worst = evaluate(own, t, c.ways, p, place, c, n, rows, d)
         if worst <= EPS * p[place + LENGTH]:
             return True
-        if not worst < 0.5 * last:
-            return worst <= CLOSE * p[place + LENGTH]
-        last = worst
+        is_close = worst <= CLOSE * p[place + LENGTH]
+        if not worst < 0.5 * last and (is_close or not worst < 0.5 * before):
+            return is_close
+        last, before = worst, last
         for k in range(rows):
             c.multipliers[k] = c.values[k]
         solve(c, c.multipliers, rows)

@@ -19,7 +19,8 @@ from .assembly import Assembly
 if TYPE_CHECKING:
     from .constraint_table import ConstraintTable, Packed
 
-_LAST = "r[0]"
+_LAST, _BEFORE = "r[0]", "r[1]"
+_OTHERS = 2  # numbers of r before S
 
 #: The largest numbers of rows of constraints (and of points of bodies) and of degrees of freedom for unrolled lines:
 #: with more, compilation takes longer than most ensembles. Their states with a rate have room in ``batch()``.
@@ -44,7 +45,7 @@ class UnrolledText:
         self._structure = packed.structure
         self._n, self._rows, self._arms = len(table.weights), range(len(table.rows)), range(len(table.arms))
         places = [*((i, j) for i in self._rows for j in range(self._low(i), i)), *((i, i) for i in self._rows)]
-        self._numbers = {place: f"r[{k + 1}]" for k, place in enumerate(places)}
+        self._numbers = {place: f"r[{_OTHERS + k}]" for k, place in enumerate(places)}
         self._read: dict[str, str] = {}  # the names of the entries of u and p that were read
 
     def unrolled(self, forces: Any) -> UnrolledConstraints:
@@ -55,7 +56,7 @@ class UnrolledText:
             stand=self._text(self._stand),
             approach=self._text(self._approach),
             level=self._text(self._level),
-            room=1 + len(self._numbers),
+            room=_OTHERS + len(self._numbers),
             structure=self._structure,
         )
 
@@ -92,7 +93,7 @@ class UnrolledText:
         yield from self._factors()
         for (i, j), number in self._numbers.items():
             yield f"{number} = {f's{i}_{j}' if i > j else f'r{i}'}"
-        yield f"{_LAST} = inf if is_sound else {LOST}"
+        yield f"{_LAST}, {_BEFORE} = inf if is_sound else {LOST}, inf"
 
     def _approach(self) -> Iterator[str]:
         yield f"last, length = {_LAST}, {self._once('p', self._place + LENGTH)}"
@@ -105,9 +106,11 @@ class UnrolledText:
             yield f"size = abs(l{k})"
             yield "worst = max(worst, size if size == size else inf)"
         yield f"is_there = worst <= {float(EPS)!r} * length"
-        yield "goes_on = (worst < 0.5 * last) & (not is_there)"
-        yield f"ended = {CONVERGED} if is_there | (worst <= {CLOSE} * length) else {LOST}"
-        yield f"{_LAST} = worst if goes_on else (ended if last > 0 else last)"
+        yield f"is_close = worst <= {CLOSE} * length"
+        yield f"falls = (worst < 0.5 * last) | (not is_close) & (worst < 0.5 * {_BEFORE})"
+        yield "goes_on = (last > 0) & falls & (not is_there)"
+        yield f"ended = {CONVERGED} if is_there | is_close else {LOST}"
+        yield f"{_LAST}, {_BEFORE} = worst if goes_on else (ended if last > 0 else last), last"
         for (i, j), number in self._numbers.items():
             yield f"{f's{i}_{j}' if i > j else f'r{i}'} = {number}"
         yield from self._solve()
