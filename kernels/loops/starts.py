@@ -13,7 +13,7 @@ from ..compile.jit import bound, compile_kernel, element
 from ..protocol import VECTOR, vector_type
 from .zeros import event_of
 
-_OFF = 1e-3  # least distance from the constraints, relative to u or v; that of an interpolated state is below this
+_OFF = 1e-3  # least distance from the constraints, relative to u or v; an interpolated state is nearer
 _G, _APPLY, _DIRECTION, _TURNS, _IS_REFUSED = range(5)  # the columns of `rules`
 
 
