@@ -221,6 +221,8 @@ def test_a_controller_changes_the_parameters_of_a_stepper(method):
     after = run((0.1, 0.2), before.u[-1], before.v[-1], Spring(9.0, 0.1, 1))
     assert stepper.u == pytest.approx(after.u[-1], rel=1e-14)  # of other roundings of t, which spring does not read
     assert first.params.tolist() == [4.0, 0.1, 1.0]
+    with pytest.raises(ValueError, match="read-only"):
+        stepper.params[0] = 16.0
     with pytest.raises(TypeError, match="params must have power too"):
         stepper.params = {"k": 1.0, "c": 0.0}
     with pytest.raises(ValueError, match=r"params must keep their shape \(1,\), and not have \(2,\)"):

@@ -130,7 +130,9 @@ class March:
 
     @property
     def params(self) -> np.ndarray:
-        return self.p
+        values = self.p.view()
+        values.flags.writeable = False  # a method must start anew with other values
+        return values
 
     @params.setter
     def params(self, values: Any) -> None:

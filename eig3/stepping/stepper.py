@@ -66,8 +66,8 @@ class Stepper(March):
     h, t0 : float
         The step, and the time of u0 and v0.
     params : ndarray
-        The parameters p. Between two calls, other values may be assigned, in the form that `eig3.integrate` takes. The
-        method then starts anew, because f may jump.
+        The parameters p, which are read-only. Between two calls, assign all values anew, in the form that
+        `eig3.integrate` takes: the method then starts anew, because f may jump.
     method : Method
         The requested method.
     running : Method
