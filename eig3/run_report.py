@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -270,9 +271,9 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
     if table.size <= _CSV_VALUES:
         for key, x in of_z.items():
             columns += [key] if x.ndim == 1 else [f"{key}{j}" for j in range(x.shape[1])]
-        header = ",".join(["t", *columns])
-        with files.writing(f"{name}.csv") as path:
-            np.savetxt(path, table, delimiter=",", header=header, comments="")
+        with files.writing(f"{name}.csv") as path, path.open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerow(["t", *columns])
+            np.savetxt(file, table, delimiter=",")
     return files.draw(f"{name}.png", lambda figure: draw(figure, problem, solution, balance))
 
 

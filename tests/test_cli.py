@@ -395,9 +395,14 @@ def rhs(t, u, v, z, p, a, dz):
     if t > -3:
         raise IndexError("no value there")
     a[0] = -u[0]
-    dz[0] = 1.0
+    dz[:] = 1.0
 
-problem = eig3.Problem("hard", rhs, [1.0], [0.0], (), (-5.0, -2.0), z0={"u": 7.0})
+@eig3.jit
+def square(t, u, v, z, p):
+    return u[0] ** 2
+
+unknowns, outputs = {"u": 7.0, "a, b": 8.0}, {"F, N": square}
+problem = eig3.Problem("hard", rhs, [1.0], [0.0], (), (-5.0, -2.0), z0=unknowns, outputs=outputs)
 """
 
 
@@ -408,7 +413,12 @@ def test_a_problem_with_negative_times_and_an_unknown_named_u(tmp_path, monkeypa
     with np.load("hard.npz") as history:
         assert history["t"][-1] == -4
         assert (history["u"][0], history["z.u"][0]) == (1, 7)
-    assert Path("hard.csv").read_text().startswith("t,u0,v0,z.u\n")
+    assert Path("hard.csv").read_text().startswith('t,u0,v0,z.u,"a, b"\n-5.0')
+    sweep = ["sweep", "hard.py:problem", "--t-end", "-4", "--set", "u0[0]=1:2:2", "--out", ".", "--measure"]
+    assert main([*sweep, "max:F, N"]) == 0
+    assert Path("sweep.csv").read_text() == 'u0[0],"max:F, N",status\n1.0,1.0,completed\n2.0,4.0,completed\n'
+    with pytest.raises(SystemExit, match=r"path must end with .extxyz, .dump, .dcd, .pvd, .vtkhdf, not 'X.PVD'"):
+        main(["run", "spring_pendulum", "--out", "X.PVD"])
 
 
 @pytest.mark.parametrize("command", ["run", "plan --accuracy 1e-3", "sweep --set u0[0]=1:2:2 --measure max:u0"])

@@ -336,6 +336,8 @@ def test_other_starts_of_a_problem_keep_the_constraints(options):
     problem = scene.problem((0.0, 2.0))
     with pytest.raises(ValueError, match="u0 must keep the constraints, but the start at t = 0 does not: change u0"):
         problem.with_(u0=[0.7, -0.8]).integrate(**options)
+    with pytest.raises(ValueError, match="u0 must keep the constraints, but the start at t = 0 does not: change u0"):
+        problem.with_(u0=[0.7, -0.8]).stepper(h=1e-3)
     with pytest.raises(ValueError, match="u0 must keep the constraints, but member 1 at t = 0 does not"):
         problem.ensemble(u0=[problem.u0, [3.0, 4.0]], **options)
     with pytest.warns(UserWarning, match="v0 does not keep the constraints: the run starts with the nearest"):

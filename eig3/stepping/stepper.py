@@ -23,6 +23,7 @@ from ..functions.checks import (
 from ..functions.guard import guarded
 from ..functions.inlining import inlined
 from ..functions.named import Parameters, named
+from ..functions.rules import Rules
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.loops import fixed
 from ..kernels.protocol import ANEW, DEGREE, EVALUATIONS, FAILED, ITERATIONS, RESIDUAL, SCALAR, TIME, Steps
@@ -113,7 +114,10 @@ class Stepper(March):
         if isinstance(params, Parameters):
             rhs, record = params.layout.bind(rhs), params.layout.bind_method(record)
         system = System(rhs, form, RunOptions(method=record, inline=check_flag(inline, "inline")))
-        vars(self).update(vars(Stepper.of(system, t0, h, u, v, guarded(check_params(params)))))
+        p = guarded(check_params(params))
+        if rules := Rules(system.events, system.event_table, system.project):
+            u, v = rules.starts(u.size, (t0, t0), u, v, p)
+        vars(self).update(vars(Stepper.of(system, t0, h, u, v, p)))
 
     @classmethod
     def of(
