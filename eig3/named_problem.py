@@ -132,10 +132,27 @@ def in_words(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"
 
 
+@contextmanager
+def reported(command: str) -> Iterator[None]:
+    """Turn errors of bad arguments, and all errors that compiled functions raise, into the error of a command."""
+    try:
+        yield
+    except Exception as error:
+        *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+        if "__name__" not in frame.f_globals:  # Numba's frame of a compiled function
+            words = f"{_in_words_with_line(error)}."
+        elif isinstance(error, ImportError | OSError | RuntimeError | TypeError | ValueError):
+            words = str(error)
+        else:
+            raise
+        raise SystemExit(f"{command}: {words}") from None
+
+
 def _in_words_with_line(error: BaseException) -> str:
-    """Return the kind and the message of an error, and the line that raised it."""
+    """Return the kind and the message of an error, and the line that raised it, if it is not the importer's."""
     last = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{in_words(error).rstrip('.')} ({Path(last.filename).name}, line {last.lineno})"
+    place = "" if last.filename.startswith("<frozen") else f" ({Path(last.filename).name}, line {last.lineno})"
+    return f"{in_words(error).rstrip('.')}{place}"
 
 
 def _own(name: str, command: str) -> Any:

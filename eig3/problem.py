@@ -631,7 +631,9 @@ class Problem:
         return show(self.view, solution, path, name=self.name, look=look, has_seconds=has_seconds, t_end=t_end)
 
     def _check_own(self, solution: Any) -> None:
-        """Refuse a solution of another problem, with another number of degrees of freedom, if this one shows points."""
+        """Refuse a solution without states, or of another number of degrees of freedom if this problem shows points."""
+        if isinstance(solution, Solution):
+            solution._check_states()
         own, has_points = np.shape(self.u0), self.view and self.shown_geometry
         if has_points and isinstance(solution, Solution) and solution.u.shape[1:] != own:
             given = solution.u.shape[1:]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from .animation.film import is_resolved
 from .animation.writers import check_writer
 from .command_line import Files, file_name
 from .files.export import check_export
-from .functions.checks import check_h, check_span
+from .functions.checks import check_h, check_time
 from .methods import Method
 from .planning.suggested_step import first_step
 from .problem import Problem
@@ -94,7 +95,7 @@ def run(
     """
     options: dict[str, Any] = {"work": True} if "work" in inspect.signature(build).parameters else {}
     if t_end is not None:
-        options["t_end"] = check_span((0.0, t_end))[1]
+        options["t_end"] = check_time(t_end, "t_end")
     if sum(x is not None for x in (h, rtol, accuracy)) > 1:
         raise ValueError("h, rtol and accuracy exclude each other: give one of them.")
     if animate:
@@ -261,18 +262,18 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
     """Write the files; return a text to append to the list of written files."""
     t, u, v = solution.t, solution.u, solution.v
     name = file_name(problem.name)
-    arrays: dict[str, Any] = {"t": t, "u": u, "v": v, **solution.z}
-    of_z = {name: np.reshape(x, (len(t), -1)) for name, x in solution.z.items()}
+    columns = [f"{x}{j}" for x in "uv" for j in range(np.size(problem.u0))]
+    taken = {"file", "t", "u", "v", *columns}  # an unknown may have any name, and NumPy takes the path as `file`
+    of_z = {f"z.{name}" if name in taken else name: x for name, x in solution.z.items()}
     with files.writing(f"{name}.npz") as path:
-        np.savez_compressed(path, **arrays)
-    table = np.column_stack([t, u, v, *of_z.values()])
+        np.savez_compressed(path, t=t, u=u, v=v, **of_z)
+    table = np.column_stack([t, u, v, *(np.reshape(x, (len(t), -1)) for x in of_z.values())])
     if table.size <= _CSV_VALUES:
-        columns = [f"{x}{j}" for x in "uv" for j in range(np.size(problem.u0))]
         for key, x in of_z.items():
-            columns += [key] if solution.z[key].ndim == 1 else [f"{key}{j}" for j in range(x.shape[1])]
-        header = ",".join(["t", *columns])
-        with files.writing(f"{name}.csv") as path:
-            np.savetxt(path, table, delimiter=",", header=header, comments="")
+            columns += [key] if x.ndim == 1 else [f"{key}{j}" for j in range(x.shape[1])]
+        with files.writing(f"{name}.csv") as path, path.open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerow(["t", *columns])
+            np.savetxt(file, table, delimiter=",")
     return files.draw(f"{name}.png", lambda figure: draw(figure, problem, solution, balance))
 
 

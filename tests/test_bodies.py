@@ -405,6 +405,21 @@ def test_a_plate_without_thickness_follows_eulers_equations(inertia, others):
         np.testing.assert_allclose(lanes.u[1, -1], run.u[-1], rtol=0, atol=1e-12)
 
 
+def test_a_plate_without_thickness_is_too_thin_for_some_joints():
+    """A hinge beside the plate pulls at the vector across it, which has no mass. The constraints are independent."""
+
+    def door(largest):
+        scene = Scene(3)
+        scene.body(1.0, (0.3, 0.5, largest), (0.5, 0.0, 0.0)).revolute(None, (0.0, 0.0, 0.1), (0.0, 1.0, 0.0))
+        return scene.problem((0.0, 1.0))
+
+    with pytest.raises(
+        ValueError, match=r"reactions of revolute joint 0 \(body 0, ground\) cannot be computed, because"
+    ):
+        door(0.8)
+    assert door(0.8 * (1 - 1e-6)).integrate(h=1e-3).success
+
+
 def in_plane(inertia=1.0, **options):
     return Scene(2).body(1.0, inertia, (0.0, 0.0), **options)
 

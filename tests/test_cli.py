@@ -387,6 +387,54 @@ def test_own_problems_run_in_all_commands(name, tmp_path, monkeypatch, capsys):
     assert "4 completed" in capsys.readouterr().out
 
 
+HARD_PROBLEM = """
+import eig3
+
+@eig3.jit
+def rhs(t, u, v, z, p, a, dz):
+    if t > -3:
+        raise IndexError("no value there")
+    a[0] = -u[0]
+    dz[:] = 1.0
+
+@eig3.jit
+def square(t, u, v, z, p):
+    return u[0] ** 2
+
+unknowns, outputs = {"u": 7.0, "a, b": 8.0}, {"F, N": square}
+problem = eig3.Problem("hard", rhs, [1.0], [0.0], (), (-5.0, -2.0), z0=unknowns, outputs=outputs)
+"""
+
+
+def test_a_problem_with_negative_times_and_an_unknown_named_u(tmp_path, monkeypatch):
+    (tmp_path / "hard.py").write_text(HARD_PROBLEM)
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "hard.py:problem", "--t-end", "-4", "--out", "."]) == 0
+    with np.load("hard.npz") as history:
+        assert history["t"][-1] == -4
+        assert (history["u"][0], history["z.u"][0]) == (1, 7)
+    assert Path("hard.csv").read_text().startswith('t,u0,v0,z.u,"a, b"\n-5.0')
+    sweep = ["sweep", "hard.py:problem", "--t-end", "-4", "--set", "u0[0]=1:2:2", "--out", ".", "--measure"]
+    assert main([*sweep, "max:F, N"]) == 0
+    assert Path("sweep.csv").read_text() == 'u0[0],"max:F, N",status\n1.0,1.0,completed\n2.0,4.0,completed\n'
+    with pytest.raises(SystemExit, match=r"path must end with .extxyz, .dump, .dcd, .pvd, .vtkhdf, not 'X.PVD'"):
+        main(["run", "spring_pendulum", "--out", "X.PVD"])
+
+
+@pytest.mark.parametrize("command", ["run", "plan --accuracy 1e-3", "sweep --set u0[0]=1:2:2 --measure max:u0"])
+def test_an_error_in_compiled_code_is_a_sentence_with_its_line(command, tmp_path, monkeypatch):
+    (tmp_path / "hard.py").write_text(HARD_PROBLEM)
+    monkeypatch.chdir(tmp_path)
+    name, *options = command.split()
+    with pytest.raises(SystemExit, match=rf"^eig3 {name}: IndexError: no value there \(hard.py, line 7\).$"):
+        main([name, "hard.py:problem", *options])
+
+
+def test_a_plan_without_a_method_that_reaches_the_accuracy_fails(capsys):
+    assert main(["plan", "single_dof", "--accuracy", "1e-30", "--method", "rk4"]) == 1
+    assert "not reached: the accuracy is below round-off" in capsys.readouterr().out
+
+
 def test_a_page_shows_the_motion(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["show", "spring_pendulum", "--rtol", "1e-6", "--t-end", "2", "--out", "view.html"]) == 0
@@ -414,6 +462,7 @@ def test_a_report_of_an_own_problem(tmp_path, monkeypatch, capsys):
         ("mine:rhs", "it must be an eig3.Problem or a function that returns one, not a jitted function."),
         ("mine:scene", "a function that returns one, not scene: take what its method problem returns."),
         ("mine:broken", "eig3 run mine:broken: RuntimeError: the table is missing (mine.py, line 17)."),
+        (":x", "eig3 run :x: the module  cannot be imported (ValueError: Empty module name)."),
         ("mine.py", "eig3 run: mine.py is a file: name the problem in it too, as mine.py:NAME."),
         ("yours.py:fixed", "eig3 run yours.py:fixed: there is no file yours.py."),
         ("mime.py:fixed", "eig3 run mime.py:fixed: there is no file mime.py, but mine.py."),

@@ -234,9 +234,10 @@ class WrongCutoff(Bonding):
     mixed = {"reach": "geometric"}  # noqa: RUF012
 
 
-def ewald(box=(5.0, 5.0, 5.0), charges=(1.0, -1.0), **options):
+def ewald(box=(5.0, 5.0, 5.0), charges=(1.0, -1.0), accuracy=1e-6, **options):
     scene = Scene(3, box=box)
-    scene.add(Ewald(1.0, charges, 2.0), scene.mass(1.0, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), **options)
+    points = scene.mass(1.0, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]][: len(charges)])
+    scene.add(Ewald(1.0, charges, 2.0, accuracy), points, **options)
 
 
 @pytest.mark.parametrize(
@@ -262,6 +263,9 @@ def ewald(box=(5.0, 5.0, 5.0), charges=(1.0, -1.0), **options):
         (lambda s, a: s.add(Ewald(1.0, [1.0, -1.0, 0.0], 2.0), a), "Ewald needs a scene of 3 dimensions"),
         (lambda s, a: ewald(box=(5.0, 5.0, None)), "Ewald needs a scene with a periodic box along x, y and z"),
         (lambda s, a: ewald(charges=(1.0, 1.0)), "charges of Ewald must have the sum 0"),
+        (lambda s, a: ewald(charges=(0.0,)), "charges of Ewald must be of at least two points"),
+        (lambda s, a: ewald((50.0, 50.0, 5e4)), "accuracy of Ewald must be larger, or the cutoff: .* 3e.09 waves"),
+        (lambda s, a: ewald(accuracy=0.5), "accuracy of Ewald must be smaller, or the cutoff: .* would have no waves"),
         (lambda s, a: ewald(exclude_bonded=("1-2",)), "Ewald acts between all charges"),
         (
             lambda s, a: s.add(Coulomb(1.0, 0.0, 2.0, charges=1.0), a, exclude_bonded=("1-2",)),

@@ -208,18 +208,21 @@ def test_steppers_critical_steps_and_plans():
     assert eig3.plan(problem, 1e-3, methods=["eig3"]).best.h > 0
 
 
-def test_a_controller_changes_the_parameters_of_a_stepper():
-    """As two prepared runs, of which the second has other parameters."""
-    stepper = eig3.Stepper(spring, 1.0, 0.0, h=0.01, params=Spring(4.0, 0.1, 1), method="rk4")
+@pytest.mark.parametrize("method", ["rk4", "eig3", "cd", "ab3", "eig9"])
+def test_a_controller_changes_the_parameters_of_a_stepper(method):
+    """As two prepared runs, of which the second has other parameters: methods forget the past accelerations."""
+    stepper = eig3.Stepper(spring, 1.0, 0.0, h=0.01, params=Spring(4.0, 0.1, 1), method=method)
     first = stepper.fork()
     stepper.advance(10)
     stepper.params = Spring(9.0, 0.1, 1)
     stepper.advance(10)
-    run = eig3.prepare(spring, h=0.01, params=Spring(4.0, 0.1, 1), method="rk4")
+    run = eig3.prepare(spring, h=0.01, params=Spring(4.0, 0.1, 1), method=method)
     before = run((0, 0.1), 1.0, 0.0, Spring(4.0, 0.1, 1))
     after = run((0.1, 0.2), before.u[-1], before.v[-1], Spring(9.0, 0.1, 1))
     assert stepper.u == pytest.approx(after.u[-1], rel=1e-14)  # of other roundings of t, which spring does not read
     assert first.params.tolist() == [4.0, 0.1, 1.0]
+    with pytest.raises(ValueError, match="read-only"):
+        stepper.params[0] = 16.0
     with pytest.raises(TypeError, match="params must have power too"):
         stepper.params = {"k": 1.0, "c": 0.0}
     with pytest.raises(ValueError, match=r"params must keep their shape \(1,\), and not have \(2,\)"):

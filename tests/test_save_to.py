@@ -463,6 +463,8 @@ def test_what_save_to_does_not_take(tmp_path):
     arguments, options = SCALAR
     with pytest.raises(TypeError, match="save_to must be the path of a directory, not 3"):
         eig3.integrate(*arguments, **options, save_to=3)
+    with pytest.raises(ValueError, match=r"^\. is not a directory that save_to has written"):
+        eig3.load(".")
     with pytest.raises(ValueError, match="is not a directory that save_to has written"):
         eig3.load(tmp_path)
     assert not any(tmp_path.iterdir())

@@ -318,5 +318,6 @@ def test_a_solution_without_states_of_a_problem(tmp_path):
     solution = problem.integrate(h=0.01, t_eval=[2.5])
     assert len(solution.to_pandas()) == 0
     assert len(solution.to_xarray().t) == 0
-    with pytest.raises(ValueError, match=r"^solution has no motion to show"):
-        problem.animate(solution, tmp_path / "x.html")
+    for shown in (lambda: problem.animate(solution, tmp_path / "x.html"), lambda: problem.export(solution, "x.pvd")):
+        with pytest.raises(ValueError, match=r"^the solution has no states: the run ended before the first time"):
+            shown()

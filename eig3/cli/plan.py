@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ..command_line import add_methods
-from ..named_problem import builder
+from ..named_problem import builder, reported
 from .problem import add_problem
 
 SUMMARY = "predict which method reaches a given accuracy fastest"
@@ -24,12 +24,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> int:
+    """Return the exit status: 1 if no method reaches the accuracy."""
     from .. import plan
 
     build = builder(options.problem, "eig3 plan")
-    try:
-        problem = build()
-        print(plan(problem, options.accuracy, metric=options.metric, methods=options.methods))
-    except (TypeError, ValueError) as error:
-        raise SystemExit(f"eig3 plan: {error}") from None
+    with reported("eig3 plan"):
+        found = plan(build(), options.accuracy, metric=options.metric, methods=options.methods)
+    print(found)
+    return 0 if found.predictions[0].reaches else 1

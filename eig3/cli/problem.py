@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..named_problem import OWN, builder
+from ..named_problem import OWN, builder, reported
 
 
 def add_problem(parser: argparse.ArgumentParser) -> None:
@@ -44,8 +44,6 @@ def integrate(options: argparse.Namespace, command: str, out: Path | None = None
     given = {name: getattr(options, name) for name in ("h", "rtol", "accuracy", "method", "t_end")}
     if out is not None:
         given["out" if out.is_dir() else "export"] = out
-    try:
+    with reported(command):
         solution = run(build, **given, **further)
-    except (ImportError, OSError, RuntimeError, TypeError, ValueError) as error:
-        raise SystemExit(f"{command}: {error}") from None
     return 0 if solution.success else 1

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..command_line import add_out
-from ..named_problem import builder
+from ..named_problem import builder, reported
 from .problem import add_problem
 
 SUMMARY = "measure what each accuracy costs in time on a problem, and write a page of it"
@@ -24,7 +24,5 @@ def run(options: argparse.Namespace) -> None:
 
     build = builder(options.problem, "eig3 report")
     given = {} if options.accuracy is None else {"accuracies": options.accuracy}
-    try:
+    with reported("eig3 report"):
         print(f"Written: {report(build(), options.out or Path(), **given)}")
-    except (ImportError, OSError, TypeError, ValueError) as error:
-        raise SystemExit(f"eig3 report: {error}") from None

@@ -35,7 +35,7 @@ def _folder_or_file(text: str) -> Path:
     from ..files.export import FORMATS
 
     path = Path(text)
-    return path if path.suffix in (*FORMATS, ".xdmf") and not path.is_dir() else folder(text)
+    return path if path.suffix.lower() in (*FORMATS, ".xdmf") and not path.is_dir() else folder(text)
 
 
 def run(options: argparse.Namespace) -> int:

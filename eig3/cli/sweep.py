@@ -10,7 +10,7 @@ import argparse
 from importlib.util import find_spec
 
 from ..command_line import add_out, count
-from ..named_problem import builder
+from ..named_problem import builder, reported
 from .problem import add_method_and_end, add_problem
 
 SUMMARY = "run a problem for many values of its parameters, and draw the results"
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
     from ..sweep.study import Study
 
     build = builder(options.problem, "eig3 sweep")
-    try:
+    with reported("eig3 sweep"):
         study = Study.plan(
             build,
             [Axis.parse(text, random=options.random is not None) for text in options.axes],
@@ -76,8 +76,6 @@ def run(options: argparse.Namespace) -> int:
                 study.check(has_tqdm)
         except KeyboardInterrupt as error:
             interrupt = error
-    except (TypeError, ValueError) as error:
-        raise SystemExit(f"eig3 sweep: {error}") from None
     report(study, print)
     if options.out is not None:
         save(study, options.out, print)

@@ -49,8 +49,8 @@ def excess(march: Stepper | VariableStepper, k: int, h: float) -> float:
         speeds = (np.abs(v) + np.abs(more)) * (1 + np.cos(np.arange(march.n) ** 2.0) / 2 if np.ndim(v) else 1.0)
         if work >= 0:
             speeds[work] = 0.0
-        rest = invariant.call(t, u, 0 * speeds, march.params)
-        return abs(rest) + abs(invariant.call(t, u, speeds, march.params) - rest) + float(look.most[k])
+        rest = invariant.call(t, u, 0 * speeds, march.p)
+        return abs(rest) + abs(invariant.call(t, u, speeds, march.p) - rest) + float(look.most[k])
 
     t, u, v = march.t, march.u, march.v
     with np.errstate(over="ignore", invalid="ignore"):

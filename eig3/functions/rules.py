@@ -1,20 +1,22 @@
-"""Rules of effects for the start of a run, which must not lie behind an event that would then never occur."""
+"""Rules for the start of a run: it must not lie behind an event, which would never occur, and must keep constraints."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ..kernels.loops.starts import starts_kernel
+from ..kernels.loops.starts import held_kernel, starts_kernel
+from .callbacks import Callback
 from .events import EffectEvent, Event
 
 _AT_ONCE = 1e-9  # of the span: the motion is then far beyond the round-off of a located zero
 
 
 class Rules:
-    """The rules of the events of a run; false if there are none.
+    """The rules of the events and the constraints of a run; false if there are none.
 
     Parameters
     ----------
@@ -22,10 +24,12 @@ class Rules:
         An effect has events in the vector form only.
     table : ndarray
         The table of the events for a kernel; see `eig3.kernels.protocol.Watch`.
+    project : Callback or None
+        The projection of u and v onto the constraints, if there are any.
     """
 
-    def __init__(self, events: Mapping[str, Event], table: np.ndarray) -> None:
-        self._texts, rows = [], []
+    def __init__(self, events: Mapping[str, Event], table: np.ndarray, project: Callback | None) -> None:
+        self._texts, self._project, rows = [], project, []
         for (name, event), row in zip(events.items(), table, strict=True):
             if isinstance(event, EffectEvent) and (event.rule or event.turns):
                 self._texts.append((event.rule, name))
@@ -34,12 +38,12 @@ class Rules:
         self._may_turn = not all(rule for rule, _ in self._texts)
 
     def __bool__(self) -> bool:
-        return bool(self._texts)
+        return bool(self._texts) or self._project is not None
 
     def starts(
         self, n: int, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, first: int | None = None
     ) -> tuple[Any, Any]:
-        """Return u and v, with the turns of links that move back at the start.
+        """Return u and v, with velocities that keep constraints, and the turns of links that move back at the start.
 
         Parameters
         ----------
@@ -54,8 +58,17 @@ class Rules:
         Raises
         ------
         ValueError
-            If a start lies behind an event with a rule.
+            If a start lies behind an event with a rule, or off the constraints.
+
+        Warns
+        -----
+        UserWarning
+            If velocities do not keep the constraints.
         """
+        if self._project:
+            v = self._held(self._project, span[0], u, v, params, first)
+        if not self._texts:
+            return u, v
         if self._may_turn:
             u, v = np.array(u, order="C"), np.array(v, order="C")
         count = 1 if first is None else len(u)
@@ -67,3 +80,23 @@ class Rules:
             who = "the start" if first is None else f"member {first + i}"
             raise ValueError(f"{rule}, but {who} lies behind {name!r}: change u0, v0, t_span or params.")
         return u, v
+
+    def _held(
+        self, project: Callback, t: float, u: np.ndarray, v: np.ndarray, params: np.ndarray, first: int | None
+    ) -> np.ndarray:
+        """Return the velocities, or the nearest ones that keep the constraints; refuse a u that does not."""
+        v, p = v.copy(), params.ravel().copy()  # the projection writes to p
+        count = 1 if first is None else len(u)
+        room = np.empty((2, u.size // count))
+        sets = count if params.ndim == 2 else 1
+        i, changed = held_kernel()(project.address, t, count, sets, p, u.ravel(), v.ravel(), *room)
+        if i >= 0:
+            who = "the start" if first is None else f"member {first + i}"
+            raise ValueError(
+                f"u0 must keep the constraints, but {who} at t = {t:g} does not: change u0, t_span or params."
+            )
+        if changed:
+            warnings.warn(
+                "v0 does not keep the constraints: the run starts with the nearest velocities that do.", stacklevel=4
+            )
+        return v

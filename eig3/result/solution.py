@@ -334,13 +334,18 @@ class Solution:
             place += width
         return found
 
-    def _within_span(self, t: ArrayLike) -> np.ndarray:
-        """Return checked times."""
-        times = reals(t, "t")
-        if times.size and not len(self.t):
+    def _check_states(self) -> None:
+        """Refuse a solution without states."""
+        if not len(self.t):
             raise ValueError(
                 f"the solution has no states: {_NO_STATES}; take earlier times in t_eval, or leave it out."
             )
+
+    def _within_span(self, t: ArrayLike) -> np.ndarray:
+        """Return checked times."""
+        times = reals(t, "t")
+        if times.size:
+            self._check_states()
         if times.size and not (self.t[0] <= times.min() and times.max() <= self.t[-1]):
             raise ValueError(f"t must lie within the span of the solution, {self.t[0]:g} to {self.t[-1]:g}.")
         return times

@@ -271,7 +271,7 @@ def going_on() -> Iterator[None]:
 
 def file(path: str | PathLike[str]) -> Path:
     target = Path(path)
-    return target if target.suffix == ".npz" else target.with_name(f"{target.name}.npz")
+    return target if target.suffix == ".npz" else Path(f"{target}.npz")
 
 
 def _plain(value: Any, key: str, arrays: dict[str, np.ndarray]) -> Any:

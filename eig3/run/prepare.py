@@ -82,7 +82,7 @@ class Prepared:
         self._system: System = remembered(rhs, form, options)
         records = records_of(rhs)
         self._records = records if records and (records.check or options.tolerances) else None
-        self.rules = (Rules(options.events, self._system.event_table) or None) if options.events else None
+        self.rules = Rules(options.events, self._system.event_table, self._system.project) or None
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
 

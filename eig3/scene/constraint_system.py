@@ -164,8 +164,7 @@ def fitting(system: ConstraintSystem, u0: np.ndarray, v0: np.ndarray, t: float) 
         what = _lengths(table.rows[row], place, value) or f"does not hold at the start, where its phi is {value:.3g}"
         raise ValueError(f"{system.names[row]} {what}: move its points.")
     weights = np.tile(table.weights, table.dimension)
-    product = csc_array(gradients @ diags_array(weights) @ gradients.T)
-    solve = _factors(system, product)
+    solve = _factors(system, gradients, weights)
     wanted = solve(gradients @ v0[:size] + rates)
     change = -weights * (gradients.T @ wanted)
     if np.abs(change).max() > _NOTED * np.abs(v0[:size]).max(initial=0.0):
@@ -248,8 +247,9 @@ def _own(law: Placed, member: int, places: np.ndarray) -> tuple[float, np.ndarra
     return float(call("phi", places)), slope
 
 
-def _factors(system: ConstraintSystem, product: csc_array) -> Any:
+def _factors(system: ConstraintSystem, gradients: csr_array, weights: np.ndarray) -> Any:
     """Return the function that solves with G W G^T, after a check of its pivots for dependent constraints."""
+    product = csc_array(gradients @ diags_array(weights) @ gradients.T)
     diagonal = product.diagonal()
     try:
         factors = splu(product, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
@@ -258,12 +258,24 @@ def _factors(system: ConstraintSystem, product: csc_array) -> Any:
             return factors.solve
     except RuntimeError:  # exactly singular
         pass
-    dense = product.toarray() / np.sqrt(np.outer(diagonal, diagonal))
-    share = np.abs(np.linalg.eigh(dense)[1][:, 0])
-    named = list(dict.fromkeys(system.names[k] for k in np.argsort(-share, kind="stable") if share[k] > 1e-6))
-    named = [name for name in named if not name.startswith("rigid ")]  # a body alone is no constraint too many
-    some = ", ".join(named[:_MOST_NAMED]) + " and others" * (len(named) > _MOST_NAMED)
+    some = _dependent(system, product)[1]
+    if _dependent(system, gradients @ gradients.T)[0] > _DEPENDENT:
+        raise ValueError(
+            f"the reactions of {some} cannot be computed, because a mass is too small beside the others, or a body too "
+            "thin: increase the mass, or make the largest moment of the body smaller than the sum of the others by a "
+            "factor of 1 - 1e-6."
+        )
     raise ValueError(
         f"these constraints depend on each other at the start: {some}; leave out those that the others imply already, "
         "or begin in another position."
     )
+
+
+def _dependent(system: ConstraintSystem, product: csr_array) -> tuple[float, str]:
+    """Return the least eigenvalue of the scaled product, and the names of the constraints of its vector."""
+    diagonal = product.diagonal()
+    values, vectors = np.linalg.eigh(product.toarray() / np.sqrt(np.outer(diagonal, diagonal)))
+    share = np.abs(vectors[:, 0])
+    named = list(dict.fromkeys(system.names[k] for k in np.argsort(-share, kind="stable") if share[k] > 1e-6))
+    named = [name for name in named if not name.startswith("rigid ")]  # a body alone is no constraint too many
+    return float(values[0]), ", ".join(named[:_MOST_NAMED]) + " and others" * (len(named) > _MOST_NAMED)

@@ -130,14 +130,22 @@ class March:
 
     @property
     def params(self) -> np.ndarray:
-        return self.p
+        values = self.p.view()
+        values.flags.writeable = False  # a method must start anew with other values
+        return values
 
     @params.setter
     def params(self, values: Any) -> None:
         given = np.asarray(check_params(in_layout(self.system.layout, values)))
         if given.shape != self.p.shape:
             raise ValueError(f"params must keep their shape {self.p.shape}, and not have {given.shape}.")
-        self.p[...] = given
+        if not np.array_equal(given, self.p):
+            self.p[...] = given
+            self._start_anew()
+
+    def _start_anew(self) -> None:
+        """Let the method forget the past accelerations, because f has changed."""
+        raise NotImplementedError
 
     def _check_velocity(self, a: Any) -> None:
         """Refuse a method that ignores the velocity if another velocity changes the acceleration at the start."""

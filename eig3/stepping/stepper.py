@@ -23,9 +23,10 @@ from ..functions.checks import (
 from ..functions.guard import guarded
 from ..functions.inlining import inlined
 from ..functions.named import Parameters, named
+from ..functions.rules import Rules
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.loops import fixed
-from ..kernels.protocol import DEGREE, FAILED, ITERATIONS, RESIDUAL, SCALAR, TIME, Steps
+from ..kernels.protocol import ANEW, DEGREE, EVALUATIONS, FAILED, ITERATIONS, RESIDUAL, SCALAR, TIME, Steps
 from ..keywords import with_suggestions
 from ..methods import Method
 from ..result.memory import aligned, check_workspace
@@ -66,7 +67,8 @@ class Stepper(March):
     h, t0 : float
         The step, and the time of u0 and v0.
     params : ndarray
-        The parameters p. Between two calls, other values may be assigned, in the form that `eig3.integrate` takes.
+        The parameters p, which are read-only. Between two calls, assign all values anew, in the form that
+        `eig3.integrate` takes: the method then starts anew, because f may jump.
     method : Method
         The requested method.
     running : Method
@@ -112,7 +114,10 @@ class Stepper(March):
         if isinstance(params, Parameters):
             rhs, record = params.layout.bind(rhs), params.layout.bind_method(record)
         system = System(rhs, form, RunOptions(method=record, inline=check_flag(inline, "inline")))
-        vars(self).update(vars(Stepper.of(system, t0, h, u, v, guarded(check_params(params)))))
+        p = guarded(check_params(params))
+        if rules := Rules(system.events, system.event_table, system.project):
+            u, v = rules.starts(u.size, (t0, t0), u, v, p)
+        vars(self).update(vars(Stepper.of(system, t0, h, u, v, p)))
 
     @classmethod
     def of(
@@ -122,15 +127,24 @@ class Stepper(March):
         self = object.__new__(cls)
         self.h = h
         a = self._begin(system, t0, u, v, params, times)
+        self.state[0], self.state[1] = u, v
         if self.first_sizes[2] < _SMALL:
-            past = self.kernel.formulas.start(u, v, a, h)
+            self._set_past(u, v, a)
         else:
             with np.errstate(over="ignore"):  # a past value that overflows makes the first step non-finite
-                past = self.kernel.formulas.start(u, v, a, h)
-        self.state[0], self.state[1] = u, v
-        for k, values in enumerate(past):
-            self.state[2 + k] = values
+                self._set_past(u, v, a)
         return self
+
+    def _set_past(self, u: Any, v: Any, a: Any) -> None:
+        """Write the past values of a method that starts at a state."""
+        for k, values in enumerate(self.kernel.formulas.start(u, v, a, self.h)):
+            self.state[2 + k] = values
+
+    def _start_anew(self) -> None:
+        u, v = self.u, self.v
+        self._set_past(u, v, self.acceleration(self.t, u, v))
+        self.counters[EVALUATIONS] += 1
+        self.counters[ANEW] = self.index
 
     def _work_rows(self) -> int:
         return fixed.work_rows(self.system.method.formulas, self.system.method.order)

@@ -73,6 +73,8 @@ class System:
         The table of events for a kernel; see `eig3.kernels.protocol.Watch`.
     history : list of Callback or None
         The functions of the history of the right-hand side, if it has one.
+    project : Callback or None
+        The projection of u and v onto the constraints of the right-hand side, if it has constraints.
     constrained_step : int or None
         The address of the step of EIG-3 with the constraints of the right-hand side, if it has constraints.
     followed : Followed
@@ -127,10 +129,11 @@ class System:
         self.constrained_step = constraints and address_of(
             compiled(constraints.constrained_step, form.constrained_step.args)
         )
-        project = constraints and self._check(constraints.project, "invariant", form)
-        self.followed = Followed(
-            self.functions, form, self.history[1].address if self.history else 0, project.address if project else 0
+        self.project = constraints and self._check(constraints.project, "invariant", form)
+        addresses = (
+            function.address if function else 0 for function in (self.history and self.history[1], self.project)
         )
+        self.followed = Followed(self.functions, form, *addresses)
         for quantity in self.followed.quantities:
             self._checked.append(((quantity.function, quantity.kind, form, quantity.name), quantity.callback))
         searches = options.t_eval is not None or self.events

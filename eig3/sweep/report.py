@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import csv
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -76,10 +77,11 @@ def _table(study: Study) -> list[str]:
 def _write_csv(study: Study, path: Path) -> None:
     named = study.columns | study.values | _errors(study)
     columns, names = named.values(), [*named, "status"]
-    with path.open("w") as file:
-        file.write(",".join(names) + "\n")
+    with path.open("w", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")  # an output may have any name
+        rows.writerow(names)
         for *row, status in zip(*(column.tolist() for column in columns), study.status.tolist(), strict=True):
-            file.write(",".join([*map(repr, row), status.value]) + "\n")
+            rows.writerow([*row, status.value])
 
 
 def _arrays(study: Study) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..functions.checks import check_h, check_method, check_span, check_time
+from ..functions.checks import check_h, check_method, check_time
 from ..functions.companions import history_of
 from ..functions.named import has_names
 from ..methods import Method, shown
@@ -141,7 +141,7 @@ class Study:
         """
         fixed = dict(fixed or {})
         if t_end is not None:
-            t_end = check_span((0.0, t_end))[1]
+            t_end = check_time(t_end, "t_end")
         parameters = Parameters(build, t_end=t_end, work=any(measure.needs_energy for measure in measures))
         names = [*(axis.name for axis in axes), *fixed]
         for name in names:

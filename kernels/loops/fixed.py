@@ -85,9 +85,8 @@ def fixed(callbacks, state, settings, counters, steps, look):
     scratch = state[OWN_ROWS:]
     if LOOKS == 0:
         end = steps.first + steps.count
-        y, i, row, ended = MARCH(
-            f, y, c, n, scratch, steps, look, counters, None, steps.first, end, int64(START_STEPS), steps.row
-        )
+        started = int64(counters[ANEW]) + START_STEPS
+        y, i, row, ended = MARCH(f, y, c, n, scratch, steps, look, counters, None, steps.first, end, started, steps.row)
         ended = FAILED if ended == FAILED else GOING
     else:
         y, i, row, ended = ADVANCE(callbacks, f, c, y, n, scratch, counters, steps, look)
@@ -103,7 +102,8 @@ def following(callbacks, f, c, y, n, scratch, counters, steps, look):
     i, row, last, found = steps.first, steps.row, steps.first + steps.count, THROUGH
     pair = rows(look.watch.before, 2) if LOOKS == SEARCHES_LANES else None
     while i < last and found == THROUGH:
-        there, i, row, found = MARCH(f, y, c, n, scratch, steps, look, counters, pair, i, last, int64(START_STEPS), row)
+        started = int64(counters[ANEW]) + START_STEPS
+        there, i, row, found = MARCH(f, y, c, n, scratch, steps, look, counters, pair, i, last, started, row)
         if STACKED == 0:  # see `march`
             y = there
         end_part(look.follow, counters, i, n, y[1])

@@ -1,9 +1,10 @@
 # ruff: noqa: F821
-"""The kernel that looks for a start at which an event of an effect has been missed."""
+"""Kernels that look for a start at which an event of an effect has been missed, or constraints do not hold."""
 
 from __future__ import annotations
 
 import functools
+import math
 from typing import Any
 
 from numba.types import Array, UniTuple, float64, int64
@@ -12,6 +13,7 @@ from ..compile.jit import bound, compile_kernel, element
 from ..protocol import VECTOR, vector_type
 from .zeros import event_of
 
+_OFF = 1e-3  # least distance from the constraints, relative to u or v; an interpolated state is nearer
 _G, _APPLY, _DIRECTION, _TURNS, _IS_REFUSED = range(5)  # the columns of `rules`
 
 
@@ -59,3 +61,42 @@ def starts_kernel() -> Any:
     names = {"IS_MISSED": element(bound(is_missed, {"EVENT": event_of(VECTOR)})), "APPLY_AT": VECTOR.at("apply")}
     signature = UniTuple(int64, 2)(Array(int64, 2, "C"), float64, float64, *[int64] * 3, *[vector_type] * 4)
     return compile_kernel(first_refused, names, signature, "starts")
+
+
+def first_off(project, t0, count, sets, params, u, v, x, w):
+    """Return the first of `count` starts whose u does not keep the constraints, or -1, and the number of changed v.
+
+    A v that does not keep them becomes the nearest one that does. `project` is the address of the projection, which
+    writes to `params`; u, v and `params` are as in `first_refused`, and x and w have room for one start.
+    """
+    size, width, changed = len(x), len(params) // sets, 0
+    for i in range(count):
+        own = min(i, sets - 1) * width
+        u_start, v_start = u[i * size : (i + 1) * size], v[i * size : (i + 1) * size]
+        for j in range(size):
+            x[j], w[j] = u_start[j], v_start[j]
+        INVARIANT_AT(project)(t0, x, w, params[own : own + width])
+        if IS_FAR(x, u_start):
+            return i, changed
+        if IS_FAR(w, v_start):
+            changed += 1
+            for j in range(size):
+                v_start[j] = w[j]
+    return -1, changed
+
+
+def is_far(x, u):
+    """Return whether a projection x is far from u, or NaN."""
+    way, size = 0.0, 0.0
+    for j in range(len(u)):
+        way = max(way, abs(x[j] - u[j])) if x[j] == x[j] else math.inf
+        size = max(size, abs(u[j]))
+    return way > _OFF * size
+
+
+@functools.cache
+def held_kernel() -> Any:
+    """Compile the kernel of constraints, or load it from the disk: see `first_off`."""
+    names = {"IS_FAR": element(is_far), "INVARIANT_AT": VECTOR.at("invariant")}
+    signature = UniTuple(int64, 2)(int64, float64, int64, int64, *[vector_type] * 5)
+    return compile_kernel(first_off, names, signature, "held")
