@@ -61,9 +61,7 @@ def pytest_unconfigure():
     gc.freeze()  # pytest has just visited what is left: the end of the process need not do it twice more
 
 
-@eig3.jit
-def oscillator(t, u, v, p):
-    return -p[0] * p[0] * u - 2 * p[1] * p[0] * v
+oscillator = eig3.jit(lambda t, u, v, p: -p[0] * p[0] * u - 2 * p[1] * p[0] * v)
 
 
 @eig3.jit
@@ -79,9 +77,7 @@ def gyroscope(t, u, v, p, a):
     a[2:] = 0.0
 
 
-@eig3.jit
-def spring(t, u, v, p):
-    return -p[0] * p[0] * u
+spring = eig3.jit(lambda t, u, v, p: -p[0] * p[0] * u)
 
 
 @eig3.jit
@@ -110,9 +106,7 @@ def damped(t, u, v, p):
     return -u - 0.2 * v - 0.2 * np.sin(t)
 
 
-@eig3.jit
-def hardening(t, u, v, p):
-    return np.sin(t) - p[0] * u * (1 + u * u)
+hardening = eig3.jit(lambda t, u, v, p: np.sin(t) - p[0] * u * (1 + u * u))
 
 
 @eig3.jit
@@ -124,34 +118,12 @@ def hardening_chain(t, u, v, p, a):
         a[j] = p[j] * (right * (1 + right * right) - left * (1 + left * left)) + np.sin(t)
 
 
-@eig3.jit
-def position(t, u, v, p):
-    return u
-
-
-@eig3.jit
-def velocity(t, u, v, p):
-    return v
-
-
-@eig3.jit
-def first_position(t, u, v, p):
-    return u[0]
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return u * u + v * v
-
-
-@eig3.jit
-def above_level(t, u, v, p):
-    return u - p[1]
-
-
-@eig3.jit
-def harmonic(t, u, v, p):
-    return -u
+position = eig3.jit(lambda t, u, v, p: u)
+velocity = eig3.jit(lambda t, u, v, p: v)
+first_position = eig3.jit(lambda t, u, v, p: u[0])
+energy = eig3.jit(lambda t, u, v, p: u * u + v * v)
+above_level = eig3.jit(lambda t, u, v, p: u - p[1])
+harmonic = eig3.jit(lambda t, u, v, p: -u)
 
 
 @eig3.jit
@@ -160,24 +132,10 @@ def harmonic_vector(t, u, v, p, a):
         a[j] = -u[j]
 
 
-@eig3.jit
-def linear_spring(t, u, v, p):
-    return -p[0] * u
-
-
-@eig3.jit
-def falling(t, u, v, p):
-    return -p[0]
-
-
-@eig3.jit
-def rebound(t, u, v, p):
-    return u, -0.5 * v
-
-
-@eig3.jit
-def bounce(t, u, v, p):
-    return u, -0.9 * v
+linear_spring = eig3.jit(lambda t, u, v, p: -p[0] * u)
+falling = eig3.jit(lambda t, u, v, p: -p[0])
+rebound = eig3.jit(lambda t, u, v, p: (u, -0.5 * v))
+bounce = eig3.jit(lambda t, u, v, p: (u, -0.9 * v))
 
 
 @eig3.jit
@@ -207,6 +165,22 @@ def short_run():
 def made_up(t, u):
     """Return a run with these states, so that no right-hand side needs to be compiled."""
     return replace(short_run(), t=t, u=u, v=np.gradient(u, t, axis=0), _accelerations=None)
+
+
+#: What two runs, or two ensembles, have in common if one of them was saved, cut into parts, or went on.
+SAME = ["t", "u", "v", "z", "h", "steps", "params", "n_steps", "n_rhs", "n_iterations", "n_rejected", "status"]
+SAME += ["message", "labels", "drift", "extremes", "outputs", "events"]
+
+
+def assert_same(one, other, names=(*SAME, "notes")):
+    """Two runs, or two ensembles, have the same bits and the same words."""
+    for name in names:
+        ours, theirs = (getattr(each, name, None) for each in (one, other))
+        if isinstance(ours, dict):
+            assert list(ours) == list(theirs)
+        if name == "events":
+            ours, theirs = ([vars(found) for found in each.values()] for each in (ours, theirs))
+        np.testing.assert_equal(ours, theirs, name)
 
 
 def flying(problem):

@@ -194,10 +194,7 @@ def test_steps_too_small_are_refused(t_span, h, message):
 
 
 def test_times_saved_do_not_overflow_past_the_span():
-    @eig3.jit
-    def free(t, u, v, p):
-        return 0.0
-
+    free = eig3.jit(lambda t, u, v, p: 0.0)
     # three steps, of which every second is saved: a fourth would end past the largest number
     run = integrate(free, (0, 1.7e308), 1.0, 0.0, h=6e307, save_every=2, method="ab2")
     assert run.success
@@ -216,10 +213,7 @@ def test_force_that_reads_velocity_is_seen_at_every_amplitude(method, form, u0, 
 
 # A right-hand side that is not finite, or raises ----------------------------------------------------------------------
 
-
-@eig3.jit
-def bad_once(t, u, v, p):
-    return p[1] if t == p[0] else -u
+bad_once = eig3.jit(lambda t, u, v, p: p[1] if t == p[0] else -u)
 
 
 @eig3.jit
@@ -283,9 +277,7 @@ def test_nan_of_no_weight_is_not_lost(alpha, beta, form):
     assert run.t[-1] == 0.5
 
 
-@eig3.jit
-def undefined_slope(t, u, v, p):
-    return np.nan
+undefined_slope = eig3.jit(lambda t, u, v, p: np.nan)
 
 
 @eig3.jit

@@ -22,15 +22,8 @@ def swinging_atwood(t, u, v, p, a):
     a[1] = -(2 * v[0] * v[1] + 9.81 * np.sin(u[1])) / u[0]
 
 
-@eig3.jit
-def double_well(t, u, v, p):
-    return u - u**3 - 0.1 * v + 0.3 * np.cos(1.2 * t)
-
-
-@eig3.jit
-def jump(t, u, v, p):
-    return (1.0 if t > 5 + 1 / 3 else 0.0) - u
-
+double_well = eig3.jit(lambda t, u, v, p: u - u**3 - 0.1 * v + 0.3 * np.cos(1.2 * t))
+jump = eig3.jit(lambda t, u, v, p: (1.0 if t > 5 + 1 / 3 else 0.0) - u)
 
 SYSTEMS = {
     "swinging atwood": (swinging_atwood, (0.0, 5.0), [1.0, 1.2], [0.0, 0.0], [3.0]),
@@ -129,14 +122,8 @@ def test_outputs_invariants_extremes_and_events_have_errors(steps, method):
     np.testing.assert_array_equal(error.outputs["height"], error.u)
 
 
-@eig3.jit
-def crossing(t, u, v, p):
-    return u - 0.3
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return 0.5 * (u * u + v * v)
+crossing = eig3.jit(lambda t, u, v, p: u - 0.3)
+energy = eig3.jit(lambda t, u, v, p: 0.5 * (u * u + v * v))
 
 
 def test_the_work_has_an_error():
@@ -188,9 +175,7 @@ def test_tolerances_that_hardly_reduce_the_error_have_a_note():
     assert "the estimate is rough" in " ".join(solution.error.notes)
 
 
-@eig3.jit
-def stiff(t, u, v, p):
-    return 1e4 * (np.cos(t) - u) - 1e3 * v
+stiff = eig3.jit(lambda t, u, v, p: 1e4 * (np.cos(t) - u) - 1e3 * v)
 
 
 def test_tolerances_that_do_not_control_the_steps_have_a_note():
@@ -326,9 +311,7 @@ def test_a_member_whose_fast_motion_is_damped_away_has_a_note():
     assert "energy changes by 1e+02 %, which the estimated error of u does not show" in runs.error[0].notes[-1]
 
 
-@eig3.jit
-def leaving(t, u, v, p):
-    return 1 + (0.8 if v < 0 else 0.5) * v
+leaving = eig3.jit(lambda t, u, v, p: 1 + (0.8 if v < 0 else 0.5) * v)
 
 
 def test_the_start_of_an_invariant_is_known(tmp_path):

@@ -21,10 +21,7 @@ UNCLEAR = 1e-5  # events that are less apart than this, and no closer than NEAR,
 #: The parameters: the acceleration of each body, then the levels, times and factors of the events.
 GRAVITY, FLOOR, REBOUND, KICK_TIME, KICK, MARK, GATE, FACTOR, CLOCK = 0, 2, 3, 4, 5, 6, 7, 8, 9
 
-
-@eig3.jit
-def fall(t, u, v, p):
-    return p[0]
+fall = eig3.jit(lambda t, u, v, p: p[0])
 
 
 @eig3.jit

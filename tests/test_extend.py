@@ -9,7 +9,7 @@ import pytest
 
 import eig3
 
-from .conftest import bounce, energy, oscillator, position
+from .conftest import assert_same, bounce, energy, oscillator, position
 from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, forces, steady
 
 
@@ -17,18 +17,6 @@ def integrate(system, t_end, **options):
     start = system["rhs"], (1.0, t_end), system["u0"], system["v0"]
     options = options if "rtol" in options else {"h": H, **options}
     return eig3.integrate(*start, params=system["params"], **options)
-
-
-def assert_same(one, other):
-    for name in ("t", "u", "v"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    for name in ("h", "n_steps", "n_rhs", "n_iterations", "status", "message", "drift"):
-        assert getattr(one, name) == getattr(other, name), name
-    for each in ("outputs", "extremes"):
-        ours, theirs = getattr(one, each), getattr(other, each)
-        assert list(ours) == list(theirs)
-        for name in ours:
-            np.testing.assert_array_equal(ours[name], theirs[name])
 
 
 @pytest.mark.parametrize("form", ["scalar", "vector"])

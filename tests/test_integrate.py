@@ -28,10 +28,7 @@ def oscillate(t_end=10.0, **options):
     return integrate(oscillator, (0, t_end), 1.0, 0.0, **options)
 
 
-@eig3.jit
-def oscillator_energy(t, u, v, p):
-    return v * v / 2 + p[0] * p[0] * u * u / 2
-
+oscillator_energy = eig3.jit(lambda t, u, v, p: v * v / 2 + p[0] * p[0] * u * u / 2)
 
 # Saved states ------------------------------------------------------------------------------------------------------
 
@@ -113,9 +110,7 @@ def test_drift_of_a_vector_run_over_many_chunks(monkeypatch):
     np.testing.assert_array_equal(run.u[:-1], every.u[::13][: len(run.u) - 1])
 
 
-@eig3.jit
-def undefined_later(t, u, v, p):
-    return np.nan if 1 < t < 2 else 0.0
+undefined_later = eig3.jit(lambda t, u, v, p: np.nan if 1 < t < 2 else 0.0)
 
 
 def test_invariant_that_becomes_nan_has_a_drift_of_nan():
@@ -193,10 +188,7 @@ def test_a_right_hand_side_that_raises_where_the_cause_is_sought_does_not_hide_i
 
 
 def test_a_right_hand_side_that_gives_nan_is_distinguished_from_instability():
-    @eig3.jit
-    def undefined(t, u, v, p):
-        return np.sqrt(0.5 - t)
-
+    undefined = eig3.jit(lambda t, u, v, p: np.sqrt(0.5 - t))
     run = integrate(undefined, (0, 1), 1.0, 0.0, h=0.01)
     assert run.status is eig3.Status.DIVERGED
     assert "rhs gives nan at t = 0.51" in run.explain()

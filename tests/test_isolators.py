@@ -152,9 +152,7 @@ def test_the_period_of_a_pendulum():
     np.testing.assert_allclose(-np.diff(np.abs(along)), 2 * mu * radius, rtol=0, atol=0.3 * y)
 
 
-@eig3.jit
-def turning(t, u, v, z, p):
-    return 0.6 * v[0] + 0.8 * v[1]
+turning = eig3.jit(lambda t, u, v, z, p: 0.6 * v[0] + 0.8 * v[1])
 
 
 def test_bearings_below_a_frame_in_space():

@@ -314,9 +314,7 @@ def test_interpolation_is_as_in_numpy(xp):
     assert math.isnan(compiled.interp(math.nan, xp, fp))
 
 
-@eig3.jit
-def wheel(t, u, v, p):
-    return p.k * (compiled.interp(p.speed * t, p.x, p.road) - u)
+wheel = eig3.jit(lambda t, u, v, p: p.k * (compiled.interp(p.speed * t, p.x, p.road) - u))
 
 
 def test_members_of_an_ensemble_read_a_table():

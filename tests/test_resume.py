@@ -11,13 +11,10 @@ import pytest
 import eig3
 from eig3.stepping import observer
 
-from .conftest import bounce, coupled, energy, oscillator, position
+from .conftest import SAME, assert_same, bounce, coupled, energy, oscillator, position
 from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, forces, steady
 
-
-@eig3.jit
-def fast(t, u, v, p):
-    return v - 0.5
+fast = eig3.jit(lambda t, u, v, p: v - 0.5)
 
 
 @eig3.jit
@@ -42,25 +39,6 @@ def integrate(system, t_end, **options):
     if "rtol" not in options:
         options = {"h": H, **options}
     return eig3.integrate(*start, params=system["params"], **options)
-
-
-COUNTS = ("n_steps", "n_rhs", "n_iterations", "n_rejected")
-
-
-def assert_same(one, other, counts=COUNTS):
-    for name in ("t", "u", "v", "steps"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    for name in ("h", *counts, "status", "message", "drift", "notes", "labels"):
-        assert getattr(one, name) == getattr(other, name), name
-    for each in ("outputs", "z", "extremes"):
-        ours, theirs = getattr(one, each), getattr(other, each)
-        assert list(ours) == list(theirs)
-        for name in ours:
-            np.testing.assert_array_equal(ours[name], theirs[name])
-    assert list(one.events) == list(other.events)
-    for name, occurrences in one.events.items():
-        for ours, theirs in zip(vars(occurrences).values(), vars(other.events[name]).values(), strict=True):
-            np.testing.assert_array_equal(ours, theirs)
 
 
 def both_ways(tmp_path, system, t_end, **options):
@@ -137,7 +115,7 @@ class After:
 @pytest.mark.parametrize("options", [{}, {"rtol": 1e-5}], ids=["fixed", "tolerances"])
 def test_an_interrupted_run_goes_on_from_anywhere(options, tmp_path, monkeypatch):
     """The log of events has so little room that calls of the kernel end within steps, which costs evaluations."""
-    counts = ("n_steps", "n_rejected")
+    names = {*SAME, "notes"} - {"n_rhs", "n_iterations"}
     monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-7)
     monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-7)
     monkeypatch.setattr(observer, "_LOG_ROWS", 2)
@@ -155,8 +133,8 @@ def test_an_interrupted_run_goes_on_from_anywhere(options, tmp_path, monkeypatch
             steps.add(stopped.n_steps)
             path = directory if looks % 2 else stopped.save(tmp_path / "run")
             loaded = eig3.load(path, rhs=oscillator, events=EVENTS, outputs={"energy": energy})
-            assert_same(loaded.extend(41.0), whole, counts)
-            assert_same(stopped.extend(41.0), whole, counts)
+            assert_same(loaded.extend(41.0), whole, names)
+            assert_same(stopped.extend(41.0), whole, names)
     assert len(steps) > 3
 
 
@@ -204,9 +182,7 @@ def test_the_jacobian_of_the_method_is_given_again(tmp_path):
     assert_same(eig3.load(path, rhs=rub, jacobian=rub_derivative).extend(6.0), whole)
 
 
-@eig3.jit
-def far(t, u, v, p):
-    return u[0] - 1e-4
+far = eig3.jit(lambda t, u, v, p: u[0] - 1e-4)
 
 
 @eig3.jit
@@ -318,15 +294,9 @@ def test_a_killed_run_is_there_and_goes_on(kind, tmp_path):
     up_to = np.nextafter(end, 0) if kind == "tolerances" else killed.n_steps / 64
     if kind == "fixed":
         part = eig3.integrate(rhs, (0.0, up_to), [1.0, 2.0], [0.0, 0.0], **options)
-        assert_same_extremes(killed, part)
+        assert killed.drift == part.drift
+        np.testing.assert_equal(killed.extremes, part.extremes)
     assert 0 < killed.drift["energy"] <= whole.drift["energy"]
-
-
-def assert_same_extremes(one, other):
-    assert one.drift == other.drift
-    for name, extremes in one.extremes.items():
-        for ours, theirs in zip(extremes, other.extremes[name], strict=True):
-            np.testing.assert_array_equal(ours, theirs)
 
 
 # What does not go on -------------------------------------------------------------------------------------------------

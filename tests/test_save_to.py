@@ -20,7 +20,7 @@ import eig3
 from eig3.result import mapped, storage
 from eig3.result.mapped import MappedRows, read_mapped
 
-from .conftest import coupled, energy, oscillator
+from .conftest import assert_same, coupled, energy, oscillator
 
 H = 2.0**-6
 SCALAR = (oscillator, (0.0, 10.0), 1.0, 0.0), {"params": (2.0, 0.1), "h": H}
@@ -32,17 +32,6 @@ def failing(t, u, v, p):
     if t > 5:
         raise ValueError("beyond the table")
     return -u
-
-
-def assert_same(one, other):
-    for name in ("t", "u", "v"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    for name in ("h", "n_steps", "n_rhs", "n_iterations", "status", "message", "drift", "extremes", "notes", "labels"):
-        assert getattr(one, name) == getattr(other, name), name
-    for each in ("outputs", "z"):
-        assert list(getattr(one, each)) == list(getattr(other, each))
-        for name, values in getattr(one, each).items():
-            np.testing.assert_array_equal(values, getattr(other, each)[name])
 
 
 @pytest.mark.filterwarnings("ignore:the saved states around")  # two states are too few for `at`
@@ -85,9 +74,7 @@ def test_the_files_end_where_the_run_ended(t_end, h, status, tmp_path):
     assert len(np.load(tmp_path / "u.npy")) == len(memory.u)
 
 
-@eig3.jit
-def crossing(t, u, v, p):
-    return u + 0.5
+crossing = eig3.jit(lambda t, u, v, p: u + 0.5)
 
 
 def test_problems_with_integrals_are_saved_with_their_names(tmp_path):
