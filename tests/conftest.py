@@ -3,6 +3,7 @@ import gc
 import importlib
 import os
 import re
+import shutil
 import signal
 import sys
 from dataclasses import replace
@@ -32,17 +33,9 @@ BLOCKS = {
 OWN_METHOD = next(text for language, text in BLOCKS["kernels/README.md"] if language == "python")
 
 ALL_METHODS = [
-    eig3.EIG3(),
-    eig3.EIG3(alpha=1.2),
-    eig3.CentralDifference(),
-    eig3.CentralDifference(solver="newton"),
-    eig3.CentralDifference(velocity="lagged"),
-    eig3.RK2(),
-    eig3.RK3(),
-    eig3.RK4(),
-    eig3.AB2(),
-    eig3.AB3(),
-]
+    eig3.EIG3(), eig3.EIG3(alpha=1.2), eig3.CentralDifference(), eig3.CentralDifference(solver="newton"),
+    eig3.CentralDifference(velocity="lagged"), eig3.RK2(), eig3.RK3(), eig3.RK4(), eig3.AB2(), eig3.AB3()
+]  # fmt: skip
 
 WITHOUT_VELOCITY = [eig3.EIG3(velocity="none"), eig3.CentralDifference(velocity="none")]
 
@@ -100,10 +93,8 @@ def coupled(t, u, v, p, a):
         a[j] = p[j] * (left - 2 * u[j] + right) - 0.1 * (j + 1) * v[j] + np.sin(t)
 
 
-@eig3.jit
-def damped(t, u, v, p):
-    """With u(0) = 1 and v(0) = 0, the exact motion is cos t."""
-    return -u - 0.2 * v - 0.2 * np.sin(t)
+#: With u(0) = 1 and v(0) = 0, the exact motion is cos t.
+damped = eig3.jit(lambda t, u, v, p: -u - 0.2 * v - 0.2 * np.sin(t))
 
 
 hardening = eig3.jit(lambda t, u, v, p: np.sin(t) - p[0] * u * (1 + u * u))
@@ -138,10 +129,8 @@ rebound = eig3.jit(lambda t, u, v, p: (u, -0.5 * v))
 bounce = eig3.jit(lambda t, u, v, p: (u, -0.9 * v))
 
 
-@eig3.jit
-def shaken(t):
-    """A support's displacement and velocity."""
-    return 0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t)
+#: A support's displacement and velocity.
+shaken = eig3.jit(lambda t: (0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t)))
 
 
 def acceleration(problem, u, v, t=0.0, rhs=None):
@@ -221,6 +210,21 @@ def symplectic_euler(users_folder, monkeypatch):
     monkeypatch.syspath_prepend(users_folder)
     yield importlib.import_module("symplectic_euler").SymplecticEuler
     del sys.modules["symplectic_euler"], eig3.METHODS["symplectic-euler"]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    names = ("chromium", "chromium-browser", "google-chrome", "chrome")
+    path = os.environ.get("CHROME") or next((found for name in names if (found := shutil.which(name))), None)
+    if path is None:
+        pytest.skip("There is no Chromium here: install it, or give its path in the environment variable CHROME.")
+    software = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # WebGL without a GPU
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=path, args=software)
+        yield started
+        started.close()
 
 
 @pytest.fixture
