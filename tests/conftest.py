@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import signal
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -144,6 +145,12 @@ def acceleration(problem, u, v, t=0.0, rhs=None):
     rhs = rhs or check_callback(problem.rhs, "rhs", VECTOR).call
     rhs(float(t), *(np.array(values, dtype=float) for values in (u, v, problem.params)), a)
     return a
+
+
+def python(*arguments, cwd=None, **environment):
+    """Return what a new process of Python prints."""
+    command, env = [sys.executable, *map(str, arguments)], os.environ | environment
+    return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, check=True).stdout
 
 
 @functools.cache

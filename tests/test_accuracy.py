@@ -17,11 +17,8 @@ from eig3.run import chunks, short
 from .conftest import position, spring
 from .test_check import energy
 
-
-@eig3.jit
-def cubic(t, u, v, p):
-    """Duffing's oscillator, or a motion that is singular at a finite time if both forces push it away."""
-    return p[0] * u + p[1] * u * u * u + p[2] * np.cos(t)
+#: Duffing's oscillator, or a motion that is singular at a finite time if both forces push it away.
+cubic = eig3.jit(lambda t, u, v, p: p[0] * u + p[1] * u * u * u + p[2] * np.cos(t))
 
 
 HARDENING, FALLING_AWAY = (-1.0, -1.0, 0.0), (0.0, 1.0, 0.0)

@@ -1,16 +1,12 @@
 """Numbers at the edges of floating point and right-hand sides that misbehave: each ends in a status or an error."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
 import eig3
 from eig3 import integrate
 
-from .conftest import ALL_METHODS, WITHOUT_VELOCITY, oscillator, oscillator_vector, spring
+from .conftest import ALL_METHODS, WITHOUT_VELOCITY, oscillator, oscillator_vector, python, spring
 
 EVERY_METHOD = ALL_METHODS + WITHOUT_VELOCITY
 LEAST = 5e-324  # the distance of denormal numbers
@@ -362,9 +358,8 @@ for inline in (False, True):
 @pytest.mark.system
 def test_index_out_of_bounds_is_an_error_where_it_is_asked_for(tmp_path):
     for checked in ("0", "1"):  # checked code does not take the place of unchecked code in one cache, and vice versa
-        environment = {**os.environ, "NUMBA_BOUNDSCHECK": checked, "NUMBA_CACHE_DIR": str(tmp_path)}
-        command = [sys.executable, "-c", OUT_OF_BOUNDS if checked == "1" else WITHIN_BOUNDS]
-        subprocess.run(command, env=environment, check=True, cwd=tmp_path, timeout=300)
+        code = OUT_OF_BOUNDS if checked == "1" else WITHIN_BOUNDS
+        python("-c", code, cwd=tmp_path, NUMBA_BOUNDSCHECK=checked, NUMBA_CACHE_DIR=str(tmp_path))
 
 
 @eig3.jit

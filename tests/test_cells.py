@@ -467,10 +467,7 @@ def test_a_mesh_of_inverted_cells_is_turned(mesh, effect):
     points, cells = mesh.p.T, mesh.oriented().t.T
     inverted = cells[:, [1, 0, *range(2, cells.shape[1])]]
     found, energies = [], []
-    for given, warns in (
-        (cells, nullcontext()),
-        (inverted, pytest.warns(UserWarning, match="all cells of the mesh")),
-    ):
+    for given, warns in ((cells, nullcontext()), (inverted, pytest.warns(UserWarning, match="all cells of the mesh"))):
         scene = Scene(points.shape[1])
         with warns:
             scene.add_mesh(points, given, effect, density=1.0, velocity=points[:, ::-1] ** 2, fixed=points[:, 0] == 0)

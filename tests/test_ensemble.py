@@ -401,11 +401,7 @@ def test_functions_are_checked():
 
 def test_the_plain_njit_of_numba_is_vectorised_too():
     """The check of a division by zero, which Numba adds by default, would prevent it."""
-
-    @numba.njit
-    def divided(t, u, v, p):
-        return -u / p[0]
-
+    divided = numba.njit(lambda t, u, v, p: -u / p[0])
     solution = eig3.ensemble(divided, (0, 1), np.ones(3), 0.0, h=0.01, params=[[1.0], [2.0], [0.5]])
     assert solution.notes == ()
     alone = eig3.integrate(divided, (0, 1), 1.0, 0.0, h=0.01, params=0.5, save_every=None)
@@ -594,16 +590,9 @@ def test_an_exception_of_rhs_is_raised_and_loses_nothing():
             raise ValueError("out of range")
         return p[0]
 
+    options = {"h": 0.01, "params": np.repeat([[1.0], [1.0], [9.0]], 100, axis=0), "threads": 1}
     with pytest.raises(ValueError, match="out of range") as raised:
-        eig3.ensemble(
-            bounded,
-            (0, 10),
-            np.zeros(300),
-            0.0,
-            h=0.01,
-            params=np.repeat([[1.0], [1.0], [9.0]], 100, axis=0),
-            threads=1,
-        )
+        eig3.ensemble(bounded, (0, 10), np.zeros(300), 0.0, **options)
     part = raised.value.solution
     assert part.success[:100].all()  # their block has ended before
     assert part.status[299] is eig3.Status.INTERRUPTED
@@ -759,11 +748,7 @@ def two_springs(t, u, v, p, a):
 
 @pytest.mark.parametrize(
     ("form", "options", "own_step"),
-    [
-        (SCALAR, {}, False),
-        (VECTOR, {"save_every": 3}, True),
-        (SCALAR, {"save_every": 1}, False),
-    ],
+    [(SCALAR, {}, False), (VECTOR, {"save_every": 3}, True), (SCALAR, {"save_every": 1}, False)],
 )
 def test_events_that_end_members_are_found_in_lanes(form, options, own_step):
     """Some members end before they diverge, and some at a step; a zero of g in the other direction ends none."""

@@ -20,7 +20,7 @@ from eig3.stepping.run_options import run_options
 from eig3.stepping.stepper import Stepper
 from eig3.stepping.system import System
 
-from .conftest import falling, first_position, position, spring, velocity
+from .conftest import assert_same, falling, first_position, position, spring, velocity
 
 FIXED = {"h": 1e-2, "method": "eig3"}
 ADAPTIVE = {"rtol": 1e-6, "method": "rk5"}
@@ -107,8 +107,7 @@ def test_crossings_of_a_pendulum_are_those_of_scipy(options, scipy_pendulum):
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
 def test_events_without_apply_change_nothing(options):
     alone, watched = swing(None, **options), swing({"zero": Event(position), "turn": Event(velocity)}, **options)
-    for name in ("t", "u", "v"):
-        assert np.array_equal(getattr(alone, name), getattr(watched, name))
+    assert_same(alone, watched, ("t", "u", "v"))
 
 
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
@@ -621,11 +620,7 @@ above_two = eig3.jit(lambda t, u, v, p: u - 2.0)
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
 def test_a_change_of_sign_by_another_reset_is_no_occurrence(options):
     """A body that reaches the floor is put at 3 m: it did not rise through 2 m, but it falls through it."""
-    events = {
-        "floor": Event(position, -1, apply=lift_to_three),
-        "level": Event(above_two),
-        "seen": Event(position),
-    }
+    events = {"floor": Event(position, -1, apply=lift_to_three), "level": Event(above_two), "seen": Event(position)}
     solution = eig3.integrate(falling, (0, 3), 1.0, 0.0, params=(2.0,), events=events, **options)
     np.testing.assert_allclose(solution.events["floor"].t, [1.0, 1 + math.sqrt(3)], rtol=0, atol=1e-11)
     np.testing.assert_allclose(solution.events["seen"].t, solution.events["floor"].t, rtol=0, atol=1e-11)

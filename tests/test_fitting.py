@@ -48,15 +48,9 @@ TRUE = {"k": 4.0, "c": 0.2, "u0": 1.0, "v0": 0.5}
 TIMES = np.linspace(0, 10, 41)
 OSCILLATOR = eig3.Problem("oscillator", damped, 1.0, 0.5, {"k": 4.0, "c": 0.2}, (0, 10), units="m")
 CHAIN = eig3.Problem(
-    "chain",
-    chain,
-    [0.1, 0.0],
-    [0.0, 0.2],
-    {"k": np.array([30.0, 20.0]), "c": 0.3, "m": np.array([1.0, 2.0])},
-    (0, 5),
-    names=("low", "high"),
-    z0={"speed": 0.0},
-)
+    "chain", chain, [0.1, 0.0], [0.0, 0.2], {"k": np.array([30.0, 20.0]), "c": 0.3, "m": np.array([1.0, 2.0])},
+    (0, 5), names=("low", "high"), z0={"speed": 0.0}
+)  # fmt: skip
 
 
 def motion(t, k, c, u0, v0):

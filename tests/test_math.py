@@ -17,14 +17,9 @@ OVERFLOW = math.log(np.finfo(float).max)
 UNDERFLOW = -1074.9 * math.log(2)  # the smallest subnormal number is 2^-1074
 NAMES = [name for name in compiled.__all__ if name not in ("sincos", "interp")]
 EXACT = {
-    "sin": libmp.mpf_sin,
-    "cos": libmp.mpf_cos,
-    "exp": libmp.mpf_exp,
-    "log": libmp.mpf_log,
-    "tanh": libmp.mpf_tanh,
-    "sqrt": libmp.mpf_sqrt,
-    "erfc": libmp.mpf_erfc,
-}
+    "sin": libmp.mpf_sin, "cos": libmp.mpf_cos, "exp": libmp.mpf_exp, "log": libmp.mpf_log,
+    "tanh": libmp.mpf_tanh, "sqrt": libmp.mpf_sqrt, "erfc": libmp.mpf_erfc
+}  # fmt: skip
 #: Largest errors in ulp. They are those that the docstrings promise.
 BOUNDS = {"sin": 2, "cos": 2, "exp": 1, "log": 1, "tanh": 1, "sqrt": 0.5 + 1e-5, "erfc": 6}
 PRECISION = 70  # bits of the exact values: 53 of the nearest double, and 17 beyond, so that an ulp is known to 1e-5

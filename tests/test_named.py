@@ -14,7 +14,7 @@ import eig3
 from eig3.functions.layout import Layout
 from eig3.kernels.compile.numba_internals import compile_results
 
-from .conftest import position
+from .conftest import assert_same, position
 
 H = {"h": 0.01}
 RTOL = {"rtol": 1e-8, "method": "rk5"}
@@ -78,8 +78,7 @@ def test_a_run_has_the_bits_of_one_with_an_array(options):
     array = eig3.integrate(spring_of_array, (0, 3), 1.0, 0.0, params=[4.0, 0.1, 1], **options)
     for params in (values, Spring(**values), eig3.Parameters(values)):
         named = eig3.integrate(spring, (0, 3), 1.0, 0.0, params=params, **options)
-        for name in "tua":
-            np.testing.assert_array_equal(getattr(named, name), getattr(array, name))
+        assert_same(named, array, "tua")
 
 
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
@@ -291,11 +290,7 @@ def test_an_array_as_long_as_there_are_members_must_have_one_meaning():
         r"^params has an array k of the length 3 for 3 members, and rhs can also take it as a whole: write "
         r"k\[:, None\] for one value a member, or np\.array\(\[k\] \* 3\) for this array in all members\.$"
     )
-    for rhs, params in (
-        (whole_array, {"k": k}),
-        (springs, {"k": k, "c": 0.1}),
-        (springs, {"k": k, "c": 0 * k}),
-    ):
+    for rhs, params in ((whole_array, {"k": k}), (springs, {"k": k, "c": 0.1}), (springs, {"k": k, "c": 0 * k})):
         with pytest.raises(ValueError, match=message):
             ends(rhs, params)
     np.testing.assert_allclose(ends(whole_array, {"k": k[:, None]}), each[1:], rtol=0, atol=1e-12)

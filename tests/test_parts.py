@@ -154,11 +154,7 @@ def test_problems_with_integrals(threads):
     expected = problem.ensemble(h=0.01, params=STIFFNESS, save_every=10)
     assert_same_parts(problem.ensemble(h=0.01, params=STIFFNESS, save_every=10, executor=threads), expected)
     parts = problem.ensemble(
-        h=0.01,
-        params=STIFFNESS,
-        save_every=10,
-        executor=threads,
-        reduce=lambda part: (part.u, part.z["work"]),
+        h=0.01, params=STIFFNESS, save_every=10, executor=threads, reduce=lambda part: (part.u, part.z["work"])
     )
     u, work = (np.concatenate(each) for each in zip(*parts, strict=True))
     np.testing.assert_array_equal(u, expected.u)
@@ -174,11 +170,7 @@ def test_the_integrals_of_a_member_that_diverges_end_with_it():
     alone = problem.with_(params=stiffness[1]).integrate(h=0.1, save_every=7)
     assert member.status is eig3.Status.DIVERGED
     assert member.n_steps % 7 > 0
-    for values, expected in (
-        (member.t, alone.t),
-        (member.u, alone.u),
-        (member.z["work"], alone.z["work"]),
-    ):
+    for values, expected in ((member.t, alone.t), (member.u, alone.u), (member.z["work"], alone.z["work"])):
         np.testing.assert_allclose(values, expected, rtol=1e-11)  # some thousand operations of 1e-16
 
 

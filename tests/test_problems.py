@@ -41,17 +41,9 @@ def far_arenstorf():
 
 PROBLEMS = [problems.single_dof, problems.hardening_spring, problems.softening_spring, problems.spring_pendulum]
 CONSERVATIVE = [
-    *PROBLEMS,
-    problems.double_pendulum,
-    problems.henon_heiles,
-    problems.rotor,
-    free_duffing,
-    round_kepler,
-    problems.hertz_impact,
-    problems.two_frequency_oscillator,
-    far_arenstorf,
-    problems.figure_eight,
-]
+    *PROBLEMS, problems.double_pendulum, problems.henon_heiles, problems.rotor, free_duffing, round_kepler,
+    problems.hertz_impact, problems.two_frequency_oscillator, far_arenstorf, problems.figure_eight
+]  # fmt: skip
 SPANS = [  # the last omega h is 1e-3 at speeds of 1e3, and Hertz's span is its contact and a quarter
     *((build, 1.0, 1e-4) for build in PROBLEMS),
     (problems.double_pendulum, 1.0, 1e-4),

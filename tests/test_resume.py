@@ -75,6 +75,7 @@ def test_events_go_on(options, tmp_path):
     functions = {name: options[name] for name in ("events", "invariants", "outputs")}
     functions["events"] = dict(reversed(EVENTS.items()))  # their order does not matter
     whole = integrate(SCALAR, 1.0 + 1000 * H, **options)
+    assert_same(integrate(SCALAR, 1.0 + 300 * H, **options).extend(1.0 + 1000 * H), whole)
     for path in both_ways(tmp_path, SCALAR, 1.0 + 300 * H, **options):
         loaded = eig3.load(path, rhs=oscillator, **functions)
         assert 1 < len(loaded.events["wall"]) < len(whole.events["wall"])
@@ -138,12 +139,15 @@ def test_an_interrupted_run_goes_on_from_anywhere(options, tmp_path, monkeypatch
     assert len(steps) > 3
 
 
-@pytest.mark.parametrize("ends", [(30.0, 40.0), (3.0, 5.0, 9.0, 17.0, 33.0)])
-def test_a_steady_growth_is_noted_over_the_whole_span(ends, tmp_path):
+@pytest.mark.parametrize("is_loaded", [False, True])
+@pytest.mark.parametrize("ends", [(30.0,), (21.0, 40.0), (199.0,), (3.0, 5.0, 9.0, 17.0, 33.0)])
+def test_a_steady_growth_is_noted_over_the_whole_span(ends, is_loaded, tmp_path):
+    # A harmonic motion, so that velocities change their sign, and a quantity that grows by 200 over the run.
     options = {"invariants": {"e": steady}}
     run = integrate(SCALAR | {"params": (2.0, 0.0)}, ends[0], **options)
     for t_end in (*ends[1:], 201.0):
-        run = eig3.load(run.save(tmp_path / "run"), rhs=oscillator, **options).extend(t_end)
+        run = eig3.load(run.save(tmp_path / "run"), rhs=oscillator, **options) if is_loaded else run
+        run = run.extend(t_end)
     whole = integrate(SCALAR | {"params": (2.0, 0.0)}, 201.0, **options)
     assert len(whole.notes) == 1
     assert run.notes == whole.notes
@@ -152,13 +156,16 @@ def test_a_steady_growth_is_noted_over_the_whole_span(ends, tmp_path):
 def test_a_blow_up_is_judged_over_the_whole_span(tmp_path):
     # omega h = 2.1 is beyond the limit 2: the motion grows by 1.88 in a step, to 2e4 times its size in 15 steps.
     system, options = SCALAR | {"params": (1.0, 0.0)}, {"h": 2.1, "method": "cd"}
+    whole = integrate(system, 1.0 + 2.1 * 100, **options)
     for steps in (5, 11):
         first = integrate(system, 1.0 + 2.1 * steps, **options)
         assert first.success
         loaded = eig3.load(first.save(tmp_path / "run"), rhs=oscillator)
         extended = loaded.extend(1.0 + 2.1 * 100)
-        assert extended.status is eig3.Status.DIVERGED
+        assert whole.status is extended.status is eig3.Status.DIVERGED
         assert extended.message == first.extend(1.0 + 2.1 * 100).message
+    with pytest.raises(ValueError, match="DIVERGED cannot be extended"):
+        extended.extend(1000.0)
     with pytest.raises(ValueError, match="this run cannot be continued: its status is DIVERGED"):
         eig3.load(extended.save(tmp_path / "run"), rhs=oscillator)
 
@@ -196,6 +203,7 @@ def test_problems_with_integrals_and_events_go_on(tmp_path):
     whole = problem.integrate(**options, t_end=0.25)
     first = problem.integrate(**options, t_end=0.125)
     assert len(first.events["far"].jumps) > 0
+    assert_same(first.extend(0.1875).extend(0.25), whole)
     problem.integrate(**options, t_end=0.125, save_to=tmp_path / "directory")
     for path in (first.save(tmp_path / "file"), tmp_path / "directory"):
         loaded = problem.load(path, events=options["events"])
@@ -279,6 +287,7 @@ def test_a_killed_run_is_there_and_goes_on(kind, tmp_path):
     functions, rhs = names["functions"], names["rhs"]
     killed = eig3.load(directory)
     assert killed.status is eig3.Status.INTERRUPTED
+    assert killed.message.startswith(f"The process of this run was killed after t = {killed.t[-1]:g},")
     end = killed.t[-1] + 1000 * names["fixed"]["h"] if kind == "tolerances" else (killed.n_steps + 1000) / 64
     loaded = eig3.load(directory, rhs=rhs, **functions)
     extended = loaded.extend(end)
@@ -293,8 +302,9 @@ def test_a_killed_run_is_there_and_goes_on(kind, tmp_path):
     np.testing.assert_array_equal(killed.outputs["forces"], killed.u * [1.0, 2.0])
     up_to = np.nextafter(end, 0) if kind == "tolerances" else killed.n_steps / 64
     if kind == "fixed":
+        assert rows == killed.n_steps // 100 + 1
         part = eig3.integrate(rhs, (0.0, up_to), [1.0, 2.0], [0.0, 0.0], **options)
-        assert killed.drift == part.drift
+        assert (killed.n_steps, killed.n_rhs, killed.drift) == (part.n_steps, part.n_rhs, part.drift)
         np.testing.assert_equal(killed.extremes, part.extremes)
     assert 0 < killed.drift["energy"] <= whole.drift["energy"]
 

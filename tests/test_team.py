@@ -139,8 +139,7 @@ def test_threads_change_no_bit(make, counted, monkeypatch):
         assert bool(counted) == (threads > 1)
     run = runs[0]
     for other in runs[1:]:
-        np.testing.assert_array_equal(other.u, run.u)
-        np.testing.assert_array_equal(other.v, run.v)
+        assert_same(other, run, ("u", "v"))
     assert np.abs(run.u[-1] - run.u[0]).max() > 0.3
     monkeypatch.setattr(codegen, "_SHARED", 10**9)
     monkeypatch.setattr(codegen, "_SHARED_CELLS", 10**9)
