@@ -287,20 +287,6 @@ def test_a_thread_can_integrate():
     assert runs[0].success
 
 
-@pytest.mark.parametrize(("rhs", "u0"), [(raises_later, 1.0), (raises_later_vector, [1.0, 2.0, 3.0])])
-def test_exception_from_rhs_comes_through_with_the_part_before_it(rhs, u0):
-    v0 = np.zeros_like(u0)
-    with pytest.raises(ValueError, match="past the end of the record") as caught:
-        integrate(rhs, (0, 10), u0, v0, h=1e-3, params=5.0)
-    partial = caught.value.solution
-    assert "raised ValueError" in partial.message
-    # f is evaluated at t = 5.001 in the step that begins there
-    assert partial.t[-1] == pytest.approx(5.001, abs=1e-9)
-    assert partial.n_steps == 5001
-    whole = integrate(rhs, (0, 5), u0, v0, h=1e-3, params=5.0)
-    np.testing.assert_array_equal(partial.u[:-1], whole.u)
-
-
 def test_progress_bar_counts_the_steps(capsys):
     oscillate(progress=True)
     assert "1.00k/1.00k" in capsys.readouterr().err
@@ -385,18 +371,6 @@ def half_written(t, u, v, p, a):
 
 
 @numba.njit
-def changes_u(t, u, v, p, a):
-    u[0] += 1
-    a[:] = 0.0
-
-
-@numba.njit
-def changes_p(t, u, v, p, a):
-    p[0] += 1
-    a[:] = 0.0
-
-
-@numba.njit
 def asks_what_is_unknown(t, u, v, p, a):
     a[0] = u.missing
 
@@ -450,8 +424,6 @@ BAD_TYPES = [
         {"rhs": asks_what_is_unknown, "u0": [1.0], "v0": [0.0]},
         "(t, u, v, p, a), writing a: Unknown attribute 'missing' of type readonly array",
     ),
-    ({"rhs": changes_u, "u0": [1.0], "v0": [0.0]}, "rhs must not write to u, v or p"),
-    ({"rhs": changes_p, "u0": [1.0], "v0": [0.0]}, "rhs must not write to u, v or p"),
     ({"rhs": in_another_order}, "rhs takes u, v, t, p as its first arguments, but must have the form (t, u, v, p)"),
     ({"rhs": explicit}, "its decorator must not list signatures"),
     ({"u0": 1j}, "u0 must be made of real numbers, not 1j."),
