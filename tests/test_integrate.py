@@ -301,19 +301,6 @@ def test_without_tqdm_progress_says_what_to_install(monkeypatch):
 # The solution --------------------------------------------------------------------------------------------------------
 
 
-def test_interpolation_is_of_sixth_and_fifth_order():
-    problem = eig3.problems.single_dof(omega=2.0, t_end=10.0)
-
-    def errors(save_every):
-        run = problem.integrate(h=1 / 1024, method="rk4", save_every=save_every)
-        t = np.linspace(0, 10, 1237)
-        u, v = problem.exact(t)
-        return np.array([np.abs(run.at(t)[0] - u).max(), np.abs(run.at(t)[1] - v).max()])
-
-    order = np.log2(errors(256) / errors(128))
-    np.testing.assert_allclose(order, [6, 5], atol=0.15)
-
-
 def test_interpolation_meets_the_saved_states_and_keeps_shapes():
     run = integrate(coupled, (0, 5), [1.0, 2.0, 3.0], [0.0] * 3, h=0.01, params=(1, 2, 3), save_every=7)
     u, v = run.at(run.t)

@@ -207,21 +207,6 @@ def test_integrals_are_those_of_the_problem():
     assert run.u.shape[1] == np.size(problem.u0)
 
 
-SCALE = 1.0
-
-scaled = eig3.jit(lambda t, u, v, p: -SCALE * u)
-
-
-def test_integrate_sees_a_changed_global(monkeypatch):
-    def end():
-        return eig3.integrate(scaled, SPAN, 1.0, 0.0, h=0.01).u[-1]
-
-    before = [end(), end()]
-    assert before[0] == before[1] == pytest.approx(np.cos(1.0), abs=1e-4)
-    monkeypatch.setattr(sys.modules[__name__], "SCALE", 4.0)
-    assert end() == pytest.approx(np.cos(2.0), abs=1e-3)
-
-
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
