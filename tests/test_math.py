@@ -27,18 +27,15 @@ PRECISION = 70  # bits of the exact values: 53 of the nearest double, and 17 bey
 random = np.random.default_rng(14)
 
 
-def loop_over(function):
+def values(name, x):
+    function, out = getattr(compiled, name), np.empty(x.size)
+
     @eig3.jit
     def loop(x, out):
         for i in range(x.size):
             out[i] = function(x[i])
 
-    return loop
-
-
-def values(name, x):
-    out = np.empty(x.size)
-    loop_over(getattr(compiled, name))(x, out)
+    loop(x, out)
     return out
 
 
