@@ -67,8 +67,6 @@ def test_the_files_end_where_the_run_ended(t_end, h, status, tmp_path):
     assert loaded.status is eig3.Status[status]
     assert_same(run, memory)
     assert_same(loaded, memory)
-    for name, occurrences in memory.events.items():
-        np.testing.assert_array_equal(loaded.events[name].t, occurrences.t)
     assert len(np.load(tmp_path / "u.npy")) == len(memory.u)
 
 
