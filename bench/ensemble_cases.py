@@ -180,11 +180,7 @@ _CASES = (
     Case(
         partial(problems.duffing, delta=0.1, a=1.0, b=1.0, u0=0.0, t_end=50.0),
         h=5e-3,
-        spreads=(
-            Spread("params", (3,), 0.1, 0.5),
-            Spread("params", (4,), 0.5, 1.5),
-            Spread("u0", (0,), -0.5, 0.5),
-        ),
+        spreads=(Spread("params", (3,), 0.1, 0.5), Spread("params", (4,), 0.5, 1.5), Spread("u0", (0,), -0.5, 0.5)),
         by_hand=duffing,
     ),
     Case(

@@ -15,11 +15,7 @@ from .reach import Contest, Reach, contests
 from .sweep import WorkPrecisionSet
 
 AT_MOST = "\N{LESS-THAN OR EQUAL TO}"
-IN_WORDS = {
-    "trajectory": "in the trajectory",
-    "energy": "in the energy",
-    "continuum": "against the continuous bar",
-}
+IN_WORDS = {"trajectory": "in the trajectory", "energy": "in the energy", "continuum": "against the continuous bar"}
 
 
 @dataclass(frozen=True)

@@ -227,10 +227,6 @@ def render_front(result: WorkPrecisionSet, metric: str) -> str:
 
 def save(files: Files, results: Sequence[WorkPrecisionSet]) -> None:
     """Write precision.json, with every run."""
-    data = {
-        "environment": environment(),
-        "states": STATES,
-        "problems": [result.as_json() for result in results],
-    }
+    data = {"environment": environment(), "states": STATES, "problems": [result.as_json() for result in results]}
     with files.writing("precision.json") as path:
         path.write_text(json.dumps(data, indent=1) + "\n")

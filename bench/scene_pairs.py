@@ -111,12 +111,7 @@ class ScenePair:
         """The problem of the scene, and the problem by hand."""
         scene = self.build()[0].problem((0.0, 1.0))
         hand = Problem(
-            name="by hand",
-            rhs=self.by_hand,
-            u0=scene.u0,
-            v0=scene.v0,
-            params=self.params,
-            t_span=scene.t_span,
+            name="by hand", rhs=self.by_hand, u0=scene.u0, v0=scene.v0, params=self.params, t_span=scene.t_span
         )
         return scene, hand
 
@@ -163,12 +158,7 @@ def _row(n: int) -> Parts:
 
 SCENE_PAIRS = (
     ScenePair(
-        "spring pendulum, Cartesian",
-        pendulum,
-        (LinearSpring, Gravity),
-        pendulum_by_hand,
-        (98.1, 0.5, 1.0, 9.81),
-        1e-4,
+        "spring pendulum, Cartesian", pendulum, (LinearSpring, Gravity), pendulum_by_hand, (98.1, 0.5, 1.0, 9.81), 1e-4
     ),
     ScenePair("200 masses in a line, springs", rod, (LinearSpring,), rod_by_hand, (1.0, 1.0, 2.0, ROD + 1.0), 0.1),
     ScenePair("200 masses in space, springs", string, (LinearSpring,), string_by_hand, (1.0, 1.0, 2.0), 0.01),

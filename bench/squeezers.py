@@ -8,19 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eig3 import problems
-from eig3.problems.squeezer import (
-    INERTIAS,
-    LENGTH,
-    MASSES,
-    START,
-    STIFFNESS,
-    TORQUE,
-    A,
-    B,
-    C,
-    mechanism,
-    places,
-)
+from eig3.problems.squeezer import INERTIAS, LENGTH, MASSES, START, STIFFNESS, TORQUE, A, B, C, mechanism, places
 
 from . import equal_error, text
 from .rivals import exudyn, mujoco

@@ -165,16 +165,7 @@ def render(found: Sequence[Checked]) -> str:
     return text.table(_HEADER, rows)
 
 
-_HEADER = [
-    "problem",
-    "runs",
-    "true errors",
-    "within 2",
-    "within 3",
-    "with notes",
-    "least ratio without",
-    "largest",
-]
+_HEADER = ["problem", "runs", "true errors", "within 2", "within 3", "with notes", "least ratio without", "largest"]
 
 
 def _runs(

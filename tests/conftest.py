@@ -3,7 +3,9 @@ import gc
 import importlib
 import os
 import re
+import shutil
 import signal
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -32,17 +34,9 @@ BLOCKS = {
 OWN_METHOD = next(text for language, text in BLOCKS["kernels/README.md"] if language == "python")
 
 ALL_METHODS = [
-    eig3.EIG3(),
-    eig3.EIG3(alpha=1.2),
-    eig3.CentralDifference(),
-    eig3.CentralDifference(solver="newton"),
-    eig3.CentralDifference(velocity="lagged"),
-    eig3.RK2(),
-    eig3.RK3(),
-    eig3.RK4(),
-    eig3.AB2(),
-    eig3.AB3(),
-]
+    eig3.EIG3(), eig3.EIG3(alpha=1.2), eig3.CentralDifference(), eig3.CentralDifference(solver="newton"),
+    eig3.CentralDifference(velocity="lagged"), eig3.RK2(), eig3.RK3(), eig3.RK4(), eig3.AB2(), eig3.AB3()
+]  # fmt: skip
 
 WITHOUT_VELOCITY = [eig3.EIG3(velocity="none"), eig3.CentralDifference(velocity="none")]
 
@@ -61,9 +55,7 @@ def pytest_unconfigure():
     gc.freeze()  # pytest has just visited what is left: the end of the process need not do it twice more
 
 
-@eig3.jit
-def oscillator(t, u, v, p):
-    return -p[0] * p[0] * u - 2 * p[1] * p[0] * v
+oscillator = eig3.jit(lambda t, u, v, p: -p[0] * p[0] * u - 2 * p[1] * p[0] * v)
 
 
 @eig3.jit
@@ -79,9 +71,7 @@ def gyroscope(t, u, v, p, a):
     a[2:] = 0.0
 
 
-@eig3.jit
-def spring(t, u, v, p):
-    return -p[0] * p[0] * u
+spring = eig3.jit(lambda t, u, v, p: -p[0] * p[0] * u)
 
 
 @eig3.jit
@@ -104,15 +94,11 @@ def coupled(t, u, v, p, a):
         a[j] = p[j] * (left - 2 * u[j] + right) - 0.1 * (j + 1) * v[j] + np.sin(t)
 
 
-@eig3.jit
-def damped(t, u, v, p):
-    """With u(0) = 1 and v(0) = 0, the exact motion is cos t."""
-    return -u - 0.2 * v - 0.2 * np.sin(t)
+#: With u(0) = 1 and v(0) = 0, the exact motion is cos t.
+damped = eig3.jit(lambda t, u, v, p: -u - 0.2 * v - 0.2 * np.sin(t))
 
 
-@eig3.jit
-def hardening(t, u, v, p):
-    return np.sin(t) - p[0] * u * (1 + u * u)
+hardening = eig3.jit(lambda t, u, v, p: np.sin(t) - p[0] * u * (1 + u * u))
 
 
 @eig3.jit
@@ -124,34 +110,12 @@ def hardening_chain(t, u, v, p, a):
         a[j] = p[j] * (right * (1 + right * right) - left * (1 + left * left)) + np.sin(t)
 
 
-@eig3.jit
-def position(t, u, v, p):
-    return u
-
-
-@eig3.jit
-def velocity(t, u, v, p):
-    return v
-
-
-@eig3.jit
-def first_position(t, u, v, p):
-    return u[0]
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return u * u + v * v
-
-
-@eig3.jit
-def above_level(t, u, v, p):
-    return u - p[1]
-
-
-@eig3.jit
-def harmonic(t, u, v, p):
-    return -u
+position = eig3.jit(lambda t, u, v, p: u)
+velocity = eig3.jit(lambda t, u, v, p: v)
+first_position = eig3.jit(lambda t, u, v, p: u[0])
+energy = eig3.jit(lambda t, u, v, p: u * u + v * v)
+above_level = eig3.jit(lambda t, u, v, p: u - p[1])
+harmonic = eig3.jit(lambda t, u, v, p: -u)
 
 
 @eig3.jit
@@ -160,30 +124,14 @@ def harmonic_vector(t, u, v, p, a):
         a[j] = -u[j]
 
 
-@eig3.jit
-def linear_spring(t, u, v, p):
-    return -p[0] * u
+linear_spring = eig3.jit(lambda t, u, v, p: -p[0] * u)
+falling = eig3.jit(lambda t, u, v, p: -p[0])
+rebound = eig3.jit(lambda t, u, v, p: (u, -0.5 * v))
+bounce = eig3.jit(lambda t, u, v, p: (u, -0.9 * v))
 
 
-@eig3.jit
-def falling(t, u, v, p):
-    return -p[0]
-
-
-@eig3.jit
-def rebound(t, u, v, p):
-    return u, -0.5 * v
-
-
-@eig3.jit
-def bounce(t, u, v, p):
-    return u, -0.9 * v
-
-
-@eig3.jit
-def shaken(t):
-    """A support's displacement and velocity."""
-    return 0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t)
+#: A support's displacement and velocity.
+shaken = eig3.jit(lambda t: (0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t)))
 
 
 def acceleration(problem, u, v, t=0.0, rhs=None):
@@ -199,6 +147,12 @@ def acceleration(problem, u, v, t=0.0, rhs=None):
     return a
 
 
+def python(*arguments, cwd=None, **environment):
+    """Return what a new process of Python prints."""
+    command, env = [sys.executable, *map(str, arguments)], os.environ | environment
+    return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, check=True).stdout
+
+
 @functools.cache
 def short_run():
     return eig3.problems.single_dof(t_end=1.0).integrate(h=0.1)
@@ -207,6 +161,22 @@ def short_run():
 def made_up(t, u):
     """Return a run with these states, so that no right-hand side needs to be compiled."""
     return replace(short_run(), t=t, u=u, v=np.gradient(u, t, axis=0), _accelerations=None)
+
+
+#: What two runs, or two ensembles, have in common if one of them was saved, cut into parts, or went on.
+SAME = ["t", "u", "v", "z", "h", "steps", "params", "n_steps", "n_rhs", "n_iterations", "n_rejected", "status"]
+SAME += ["message", "labels", "drift", "extremes", "outputs", "events"]
+
+
+def assert_same(one, other, names=(*SAME, "notes")):
+    """Two runs, or two ensembles, have the same bits and the same words."""
+    for name in names:
+        ours, theirs = (getattr(each, name, None) for each in (one, other))
+        if isinstance(ours, dict):
+            assert list(ours) == list(theirs)
+        if name == "events":
+            ours, theirs = ([vars(found) for found in each.values()] for each in (ours, theirs))
+        np.testing.assert_equal(ours, theirs, name)
 
 
 def flying(problem):
@@ -247,6 +217,21 @@ def symplectic_euler(users_folder, monkeypatch):
     monkeypatch.syspath_prepend(users_folder)
     yield importlib.import_module("symplectic_euler").SymplecticEuler
     del sys.modules["symplectic_euler"], eig3.METHODS["symplectic-euler"]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    names = ("chromium", "chromium-browser", "google-chrome", "chrome")
+    path = os.environ.get("CHROME") or next((found for name in names if (found := shutil.which(name))), None)
+    if path is None:
+        pytest.skip("There is no Chromium here: install it, or give its path in the environment variable CHROME.")
+    software = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # WebGL without a GPU
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=path, args=software)
+        yield started
+        started.close()
 
 
 @pytest.fixture

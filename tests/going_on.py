@@ -11,10 +11,7 @@ VECTOR = {"rhs": coupled, "u0": [1.0, 2.0, 3.0], "v0": [0.0, 1.0, 0.0], "params"
 SCALAR_WITHOUT_V = {"rhs": hardening, "u0": 1.0, "v0": 0.0, "params": (2.0,)}
 VECTOR_WITHOUT_V = {"rhs": hardening_chain, "u0": [1.0, 2.0, 3.0], "v0": [0.0] * 3, "params": (1.0, 2.0, 3.0)}
 
-
-@eig3.jit
-def steady(t, u, v, p):
-    return t + 0.1 * u
+steady = eig3.jit(lambda t, u, v, p: t + 0.1 * u)
 
 
 @eig3.jit

@@ -17,11 +17,8 @@ from eig3.run import chunks, short
 from .conftest import position, spring
 from .test_check import energy
 
-
-@eig3.jit
-def cubic(t, u, v, p):
-    """Duffing's oscillator, or a motion that is singular at a finite time if both forces push it away."""
-    return p[0] * u + p[1] * u * u * u + p[2] * np.cos(t)
+#: Duffing's oscillator, or a motion that is singular at a finite time if both forces push it away.
+cubic = eig3.jit(lambda t, u, v, p: p[0] * u + p[1] * u * u * u + p[2] * np.cos(t))
 
 
 HARDENING, FALLING_AWAY = (-1.0, -1.0, 0.0), (0.0, 1.0, 0.0)
@@ -283,9 +280,7 @@ def test_a_later_ensemble_begins_with_what_was_learned(monkeypatch):
     np.testing.assert_array_equal(later.u, first.u)
 
 
-@eig3.jit
-def not_at_the_start(t, u, v, p):
-    return 10 * u if t > 0 else np.nan
+not_at_the_start = eig3.jit(lambda t, u, v, p: 10 * u if t > 0 else np.nan)
 
 
 def test_an_output_that_is_nan_at_the_start_is_compared_elsewhere():

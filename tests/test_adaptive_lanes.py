@@ -10,20 +10,13 @@ from eig3.kernels.loops import observe
 from eig3.kernels.protocol import LOOK_WITHIN, SCALAR
 from eig3.stepping import slices as slices_of_steps
 
-from .conftest import above_level, falling, linear_spring, position, rebound
+from .conftest import above_level, assert_same, falling, linear_spring, position, rebound
 
 RNG = np.random.default_rng(2)
 M = 150  # which is more than two blocks have lanes
 
-
-@eig3.jit
-def duffing(t, u, v, p):
-    return p[0] * eig3.math.cos(t) - 0.1 * v - u - p[1] * u * u * u
-
-
-@eig3.jit
-def van_der_pol(t, u, v, p):
-    return p[0] * (1.0 - u * u) * v - u
+duffing = eig3.jit(lambda t, u, v, p: p[0] * eig3.math.cos(t) - 0.1 * v - u - p[1] * u * u * u)
+van_der_pol = eig3.jit(lambda t, u, v, p: p[0] * (1.0 - u * u) * v - u)
 
 
 @eig3.jit
@@ -34,9 +27,7 @@ def planet(t, u, v, p, a):
     a[1] = -u[1] * per_cube
 
 
-@eig3.jit
-def cubic(t, u, v, p):
-    return p[0] * u * u * u
+cubic = eig3.jit(lambda t, u, v, p: p[0] * u * u * u)
 
 
 def ellipses(m):
@@ -175,24 +166,10 @@ def test_what_lanes_leave_is_what_a_single_run_says():
     assert {status.name for status in found.status} == {"COMPLETED", "TOO_MANY_STEPS"}
 
 
-@eig3.jit
-def brake(t, u, v, p):
-    return u, 0.8 * v
-
-
-@eig3.jit
-def slow(t, u, v, p):
-    return v - 0.1
-
-
-@eig3.jit
-def clock(t, u, v, p):
-    return t - 2.5
-
-
-@eig3.jit
-def far_side(t, u, v, p):
-    return u[0] + 0.5
+brake = eig3.jit(lambda t, u, v, p: (u, 0.8 * v))
+slow = eig3.jit(lambda t, u, v, p: v - 0.1)
+clock = eig3.jit(lambda t, u, v, p: t - 2.5)
+far_side = eig3.jit(lambda t, u, v, p: u[0] + 0.5)
 
 
 @eig3.jit
@@ -325,9 +302,7 @@ def test_few_members_run_alone(monkeypatch):
         assert (found.u[i, -1], found.v[i, -1]) == (alone.u[-1], alone.v[-1])
 
 
-@eig3.jit
-def strain(t, u, v, p):
-    return 0.5 * v * v + 0.5 * p[0] * u * u
+strain = eig3.jit(lambda t, u, v, p: 0.5 * v * v + 0.5 * p[0] * u * u)
 
 
 @eig3.jit
@@ -336,10 +311,7 @@ def forces(t, u, v, p, out):
     out[1] = u * v
 
 
-@eig3.jit
-def power(t, u, v, p):
-    return u * v
-
+power = eig3.jit(lambda t, u, v, p: u * v)
 
 OBSERVED = {
     "saved": {"save_every": 3},
@@ -415,10 +387,7 @@ def test_saved_states_of_many_steps_depend_on_no_room(monkeypatch):
     monkeypatch.setattr("eig3.ensembles.adaptive_observer._ROWS", 1)
     other = eig3.ensemble(linear_spring, (0, 10), 1.0, 0.3, threads=1, **options)
     assert len(set(np.isfinite(found.t).sum(axis=1))) > 10
-    for name in ("t", "u", "v", "steps"):
-        np.testing.assert_array_equal(getattr(other, name), getattr(found, name))
-    np.testing.assert_array_equal(other.outputs["power"], found.outputs["power"])
-    np.testing.assert_array_equal(other.extremes["power"], found.extremes["power"])
+    assert_same(other, found)
 
 
 def test_kernels_get_arrays_of_their_types(monkeypatch):

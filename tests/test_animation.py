@@ -62,9 +62,7 @@ def texts(figure):
     return [text.get_text() for text in figure.texts]
 
 
-@eig3.jit
-def sway(t):
-    return 0.3 * np.sin(2 * t), 0.6 * np.cos(2 * t)
+sway = eig3.jit(lambda t: (0.3 * np.sin(2 * t), 0.6 * np.cos(2 * t)))
 
 
 @pytest.fixture(scope="module")

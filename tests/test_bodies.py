@@ -16,8 +16,7 @@ from eig3.problems.squeezer import START, mechanism, places
 from eig3.problems.tumbling_box import scene_of_box
 from eig3.scene import Scene
 
-from .conftest import refusals
-from .test_extend import assert_same
+from .conftest import assert_same, refusals
 
 G = 9.81
 RUNS = [({"rtol": 1e-10, "method": "rk8"}, 1e-8), ({"h": 1e-3, "method": "rk4"}, 1e-8), ({"h": 1e-3}, 1e-4)]
@@ -94,14 +93,8 @@ def test_a_problem_does_not_change_when_a_body_gets_points():
     np.testing.assert_allclose(end.positions(u), [[1.0, 0.0]], atol=1e-15)
 
 
-@eig3.jit
-def rising(t):
-    return 3.0 * t
-
-
-@eig3.jit
-def rising_about_an_axis(t):
-    return 0.0, 4.0 * t, 3.0 * t
+rising = eig3.jit(lambda t: 3.0 * t)
+rising_about_an_axis = eig3.jit(lambda t: (0.0, 4.0 * t, 3.0 * t))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -124,14 +117,8 @@ def test_a_motor_is_a_torque_that_depends_on_the_time(dimension):
     np.testing.assert_allclose(spin, [0.0, 0.0, 1.5][-len(spin) :], rtol=0, atol=1e-9)
 
 
-@eig3.jit
-def swing(t):
-    return 2 * np.sin(3 * t), 6 * np.cos(3 * t), -18 * np.sin(3 * t)
-
-
-@eig3.jit
-def turns(t):
-    return 10 * t, 10.0, 0.0
+swing = eig3.jit(lambda t: (2 * np.sin(3 * t), 6 * np.cos(3 * t), -18 * np.sin(3 * t)))
+turns = eig3.jit(lambda t: (10 * t, 10.0, 0.0))
 
 
 @pytest.mark.parametrize(("options", "tolerance"), RUNS)

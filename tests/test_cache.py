@@ -22,7 +22,7 @@ from eig3.kernels.compile.jit import symbol_of, with_symbol
 from eig3.kernels.compile.numba_internals import NoFolderError, cache_of
 from eig3.kernels.compile.numba_internals import compilations as counted
 
-from .conftest import ALL_METHODS
+from .conftest import ALL_METHODS, python
 
 USER = """
 import numba
@@ -107,9 +107,7 @@ def test_a_use_that_is_not_known_is_refused():
 
 def cache_command(option, folder, *arguments):
     """The lines that `eig3 cache` prints for another folder."""
-    command = [sys.executable, "-m", "eig3", "cache", option, *arguments]
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
-    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
+    return python("-m", "eig3", "cache", option, *arguments, NUMBA_CACHE_DIR=str(folder)).splitlines()
 
 
 @pytest.mark.system
@@ -184,11 +182,9 @@ def test_other_errors_of_numba_come_through(monkeypatch):
 @pytest.mark.system
 def test_a_users_function_in_numbas_cache_survives_damage(tmp_path):
     (tmp_path / "user.py").write_text(USER)
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    command = [sys.executable, "-W", "ignore", "user.py"]
 
     def printed():
-        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout
+        return python("-W", "ignore", "user.py", cwd=tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
 
     first = printed()
     files = list((tmp_path / "cache").rglob("*.nbc"))

@@ -1,7 +1,5 @@
 """Values from outside that Numba compiles into a function: the next run has those that hold when it begins."""
 
-import subprocess
-import sys
 import types
 import weakref
 
@@ -11,6 +9,8 @@ import pytest
 
 import eig3
 from eig3.kernels.compile.numba_internals import compile_results
+
+from .conftest import python
 
 MODULE = types.ModuleType("settings")
 MODULE.inner = types.ModuleType("settings.inner")
@@ -165,8 +165,7 @@ def test_code_on_the_disk_has_the_value_of_this_process(tmp_path, monkeypatch):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
 
     def run(k):
-        command = [sys.executable, "-c", PROGRAM, str(k)]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split()
+        return python("-c", PROGRAM, k, cwd=tmp_path).split()
 
     assert run(1.0) == ["-1.0", "compiled"]
     assert run(4.0) == ["-4.0", "compiled"]

@@ -138,10 +138,7 @@ class Hinge(Angle):
 
     damping: float
 
-    @staticmethod
-    @eig3.jit
-    def torque(rate, damping):
-        return damping * rate
+    torque = eig3.jit(lambda rate, damping: damping * rate)
 
 
 def test_an_effect_of_ones_own_reads_the_rate_of_its_angle():
@@ -171,10 +168,7 @@ class Stencil(Cell):
         pull = stiffness * (x[0][0] - 2 * x[1][0] + x[2][0])
         return (-pull,), (2 * pull,), (-pull,)
 
-    @staticmethod
-    @eig3.jit
-    def potential(x, stiffness):
-        return stiffness / 2 * (x[0][0] - 2 * x[1][0] + x[2][0]) ** 2
+    potential = eig3.jit(lambda x, stiffness: stiffness / 2 * (x[0][0] - 2 * x[1][0] + x[2][0]) ** 2)
 
 
 def test_a_cell_of_ones_own_in_one_dimension():
@@ -300,9 +294,7 @@ def held_sheet(work):
     return scene.problem((0.0, 0.3), work=work)
 
 
-@eig3.jit
-def swing(t):
-    return 0.02 * np.sin(20 * t), 0.4 * np.cos(20 * t)
+swing = eig3.jit(lambda t: (0.02 * np.sin(20 * t), 0.4 * np.cos(20 * t)))
 
 
 @pytest.mark.parametrize("laws", [1, 10])
@@ -455,20 +447,14 @@ def meshed(effect=MEMBRANE, points=TRIANGLE, cells=((0, 1, 2), (1, 3, 2)), densi
 class Scalar(Triangle):
     thickness: float
 
-    @staticmethod
-    @eig3.jit
-    def stress(F, thickness):
-        return thickness
+    stress = eig3.jit(lambda F, thickness: thickness)
 
 
 @dataclass(frozen=True, eq=False)
 class Thin(Triangle):
     stiffness: float
 
-    @staticmethod
-    @eig3.jit
-    def stress(F, stiffness):
-        return F
+    stress = eig3.jit(lambda F, stiffness: F)
 
 
 @pytest.mark.parametrize(
@@ -481,10 +467,7 @@ def test_a_mesh_of_inverted_cells_is_turned(mesh, effect):
     points, cells = mesh.p.T, mesh.oriented().t.T
     inverted = cells[:, [1, 0, *range(2, cells.shape[1])]]
     found, energies = [], []
-    for given, warns in (
-        (cells, nullcontext()),
-        (inverted, pytest.warns(UserWarning, match="all cells of the mesh")),
-    ):
+    for given, warns in ((cells, nullcontext()), (inverted, pytest.warns(UserWarning, match="all cells of the mesh"))):
         scene = Scene(points.shape[1])
         with warns:
             scene.add_mesh(points, given, effect, density=1.0, velocity=points[:, ::-1] ** 2, fixed=points[:, 0] == 0)

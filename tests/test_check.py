@@ -2,7 +2,6 @@
 
 import copy
 import threading
-from functools import partialmethod
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,15 +21,8 @@ def swinging_atwood(t, u, v, p, a):
     a[1] = -(2 * v[0] * v[1] + 9.81 * np.sin(u[1])) / u[0]
 
 
-@eig3.jit
-def double_well(t, u, v, p):
-    return u - u**3 - 0.1 * v + 0.3 * np.cos(1.2 * t)
-
-
-@eig3.jit
-def jump(t, u, v, p):
-    return (1.0 if t > 5 + 1 / 3 else 0.0) - u
-
+double_well = eig3.jit(lambda t, u, v, p: u - u**3 - 0.1 * v + 0.3 * np.cos(1.2 * t))
+jump = eig3.jit(lambda t, u, v, p: (1.0 if t > 5 + 1 / 3 else 0.0) - u)
 
 SYSTEMS = {
     "swinging atwood": (swinging_atwood, (0.0, 5.0), [1.0, 1.2], [0.0, 0.0], [3.0]),
@@ -129,14 +121,8 @@ def test_outputs_invariants_extremes_and_events_have_errors(steps, method):
     np.testing.assert_array_equal(error.outputs["height"], error.u)
 
 
-@eig3.jit
-def crossing(t, u, v, p):
-    return u - 0.3
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return 0.5 * (u * u + v * v)
+crossing = eig3.jit(lambda t, u, v, p: u - 0.3)
+energy = eig3.jit(lambda t, u, v, p: 0.5 * (u * u + v * v))
 
 
 def test_the_work_has_an_error():
@@ -188,9 +174,7 @@ def test_tolerances_that_hardly_reduce_the_error_have_a_note():
     assert "the estimate is rough" in " ".join(solution.error.notes)
 
 
-@eig3.jit
-def stiff(t, u, v, p):
-    return 1e4 * (np.cos(t) - u) - 1e3 * v
+stiff = eig3.jit(lambda t, u, v, p: 1e4 * (np.cos(t) - u) - 1e3 * v)
 
 
 def test_tolerances_that_do_not_control_the_steps_have_a_note():
@@ -326,9 +310,7 @@ def test_a_member_whose_fast_motion_is_damped_away_has_a_note():
     assert "energy changes by 1e+02 %, which the estimated error of u does not show" in runs.error[0].notes[-1]
 
 
-@eig3.jit
-def leaving(t, u, v, p):
-    return 1 + (0.8 if v < 0 else 0.5) * v
+leaving = eig3.jit(lambda t, u, v, p: 1 + (0.8 if v < 0 else 0.5) * v)
 
 
 def test_the_start_of_an_invariant_is_known(tmp_path):
@@ -380,16 +362,12 @@ def test_an_ensemble_in_files_keeps_its_errors(tmp_path, options):
 )
 def test_compared_runs_that_are_interrupted_show_no_error(options, tmp_path, monkeypatch):
     cancel = threading.Event()
-    monkeypatch.setattr(eig3.Solution, "check", partialmethod(interrupted_check, eig3.Solution.check))
+    check = eig3.Solution.check
+    monkeypatch.setattr(eig3.Solution, "check", lambda run, cancel: cancel.set() or check(run, cancel=cancel))
     given = {"params": 1.0, "check": True, "cancel": cancel, **options}
     solution = eig3.integrate(spring, (0, 10), 1.0, 0.0, save_to=tmp_path / "run", **given)
     assert solution.success
     assert solution.error is eig3.load(tmp_path / "run").error is None
-
-
-def interrupted_check(solution, check, cancel):
-    cancel.set()
-    return check(solution, cancel=cancel)
 
 
 def test_compared_ensembles_that_are_interrupted_show_no_errors(tmp_path, monkeypatch):

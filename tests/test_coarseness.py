@@ -22,14 +22,8 @@ def steps_in_a_period(note):
     return float(re.search(r"a period has about ([\d.]+) steps", note)[1])
 
 
-@eig3.jit
-def falling(t, u, v, p):
-    return -9.81
-
-
-@eig3.jit
-def falling_from_a_stop(t, u, v, p):
-    return -1 - 1000 * max(u - 1, 0)
+falling = eig3.jit(lambda t, u, v, p: -9.81)
+falling_from_a_stop = eig3.jit(lambda t, u, v, p: -1 - 1000 * max(u - 1, 0))
 
 
 @eig3.jit
@@ -93,11 +87,7 @@ def test_rest_has_no_period():
 
 def test_resets_are_no_turns():
     """A ball that bounces ten times in the last steps of the run."""
-
-    @eig3.jit
-    def bounce(t, u, v, p):
-        return 0.0, -v
-
+    bounce = eig3.jit(lambda t, u, v, p: (0.0, -v))
     events = {"floor": eig3.Event(position, direction=-1, apply=bounce)}
     run = integrate(falling, (0, 10), 1.0, 0.0, h=0.5, events=events)
     assert len(run.events["floor"]) > 10

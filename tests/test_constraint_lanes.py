@@ -45,9 +45,7 @@ def slider_crank(torque=0.5):
     return scene.problem((0.0, 0.5), work=True)
 
 
-@eig3.jit
-def touches(t, u, v, p):
-    return u[4] - 0.025
+touches = eig3.jit(lambda t, u, v, p: u[4] - 0.025)
 
 
 def swung(problem, members):

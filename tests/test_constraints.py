@@ -16,7 +16,7 @@ from eig3.kernels.compile.numba_internals import compilations
 from eig3.planning import planner
 from eig3.scene import Scene
 
-from .test_extend import assert_same
+from .conftest import assert_same
 
 G = 9.81
 
@@ -62,9 +62,7 @@ def closed_loop():
     return scene
 
 
-@eig3.jit
-def swelling(t):
-    return 1 + 0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t), -0.9 * np.sin(3 * t)
+swelling = eig3.jit(lambda t: (1 + 0.1 * np.sin(3 * t), 0.3 * np.cos(3 * t), -0.9 * np.sin(3 * t)))
 
 
 def actuated():
@@ -75,9 +73,7 @@ def actuated():
     return scene
 
 
-@eig3.jit
-def swing(t):
-    return np.sin(4 * t), 4 * np.cos(4 * t), -16 * np.sin(4 * t)
+swing = eig3.jit(lambda t: (np.sin(4 * t), 4 * np.cos(4 * t), -16 * np.sin(4 * t)))
 
 
 def driven():
@@ -159,10 +155,7 @@ class OnCircle(effects.Constraint):
 
     takes = (1,)
 
-    @staticmethod
-    @eig3.jit
-    def phi(x0, radius):
-        return (x0[0] * x0[0] + x0[1] * x0[1]) / (2 * radius) - radius / 2
+    phi = eig3.jit(lambda x0, radius: (x0[0] * x0[0] + x0[1] * x0[1]) / (2 * radius) - radius / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,9 +391,7 @@ def test_the_runs_that_pass_a_singular_position_are_named(method):
         assert bool(other.t[-1] > run.t[-1] + 0.05) is passes
 
 
-@eig3.jit
-def reaching(t):
-    return 2.0 + 0.25 * t, 0.25, 0.0
+reaching = eig3.jit(lambda t: (2.0 + 0.25 * t, 0.25, 0.0))
 
 
 @pytest.mark.parametrize("options", [{"h": 1e-3, "method": "rk8"}, {"rtol": 1e-8}])
@@ -446,15 +437,8 @@ class Reel(effects.Constraint):
 
     takes = (1,)
 
-    @staticmethod
-    @eig3.jit
-    def phi(x0):
-        return np.sqrt(x0[0] * x0[0] + x0[1] * x0[1])
-
-    @staticmethod
-    @eig3.jit
-    def target(t, speed, length):
-        return length + speed * t, speed, 0.0
+    phi = eig3.jit(lambda x0: np.sqrt(x0[0] * x0[0] + x0[1] * x0[1]))
+    target = eig3.jit(lambda t, speed, length: (length + speed * t, speed, 0.0))
 
 
 def test_a_target_of_ones_own_depends_on_the_time():
@@ -515,6 +499,4 @@ def test_what_all_constraints_share_is_compiled_once():
     }  # a call of what is compiled
 
 
-@eig3.jit
-def growing(t):
-    return 2.0 + 0.5 * np.sin(t) ** 2, 0.5 * np.sin(2 * t), np.cos(2 * t)
+growing = eig3.jit(lambda t: (2.0 + 0.5 * np.sin(t) ** 2, 0.5 * np.sin(2 * t), np.cos(2 * t)))

@@ -3,8 +3,6 @@
 import ctypes
 import enum
 import os
-import subprocess
-import sys
 import types
 from collections import namedtuple
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +14,8 @@ import pytest
 
 import eig3
 from eig3.kernels.compile.content import content
+
+from .conftest import python
 
 MODULE = types.ModuleType("settings")
 SOURCE = """
@@ -166,9 +166,7 @@ def test_functions_of_one_name_from_several_processes_do_not_mix(tmp_path):
     """In each process they are the first ones: without random numbers in their symbols, these would be the same."""
 
     def printed(numbers):
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-        command = [sys.executable, "-c", ONE_NAME, numbers]
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
+        return python("-c", ONE_NAME, numbers, NUMBA_CACHE_DIR=str(tmp_path)).split()
 
     printed("9")  # the kernel
     with ThreadPoolExecutor(2) as pool:

@@ -113,10 +113,7 @@ def test_hardening_stiffens_with_the_state():
 
 
 def test_rhs_gets_the_time_of_the_state():
-    @eig3.jit
-    def aging(t, u, v, p):
-        return -(1 + t) * u
-
+    aging = eig3.jit(lambda t, u, v, p: -(1 + t) * u)
     assert critical_step(aging, 1.0, 0.0, t=3.0).omega_max == pytest.approx(2, rel=1e-6)
     with pytest.raises(ValueError, match="t must be a finite number"):
         critical_step(aging, 1.0, 0.0, t=math.nan)
@@ -453,10 +450,7 @@ def test_bm6_in_a_bar():
 
 # Where nothing oscillates --------------------------------------------------------------------------------------------
 
-
-@eig3.jit
-def spring_and_drag(t, u, v, p):
-    return -p[0] * u - p[1] * v
+spring_and_drag = eig3.jit(lambda t, u, v, p: -p[0] * u - p[1] * v)
 
 
 @pytest.mark.parametrize(
@@ -528,9 +522,7 @@ def test_a_strong_damper_at_the_end_of_a_chain(n):
         assert found.limit == pytest.approx(expected, rel=5e-3)  # 0.2 % from the search, and the effect of the spring
 
 
-@eig3.jit
-def contact(t, u, v, p):
-    return p[0] * max(0.0, -u) - 9.81
+contact = eig3.jit(lambda t, u, v, p: p[0] * max(0.0, -u) - 9.81)
 
 
 @eig3.jit
@@ -551,14 +543,8 @@ def metres_and_radians(t, u, v, p, a):
     a[1] = -100 * np.sin(u[1])
 
 
-@eig3.jit
-def small_wave(t, u, v, p):
-    return -p[0] * np.sin(u / p[0])
-
-
-@eig3.jit
-def heavy(t, u, v, p):
-    return p[0] - p[1] * u
+small_wave = eig3.jit(lambda t, u, v, p: -p[0] * np.sin(u / p[0]))
+heavy = eig3.jit(lambda t, u, v, p: p[0] - p[1] * u)
 
 
 def test_increments_fit_the_system():
@@ -691,15 +677,8 @@ def plain(t, u, v, p):
     return -u
 
 
-@eig3.jit
-def lonely(t, u, v, p):
-    return 0.0 if u == 0 else np.nan
-
-
-@eig3.jit
-def undefined(t, u, v, p):
-    return np.nan
-
+lonely = eig3.jit(lambda t, u, v, p: 0.0 if u == 0 else np.nan)
+undefined = eig3.jit(lambda t, u, v, p: np.nan)
 
 GOOD = {"rhs": oscillator, "u0": 1.0, "v0": 0.0, "params": (2.0, 0.0)}
 

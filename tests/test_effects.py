@@ -43,14 +43,8 @@ def unit(dimension):
     return np.eye(dimension)[-1]
 
 
-@jit
-def running(t):
-    return 0.7 + t
-
-
-@jit
-def running_in_space(t):
-    return 0.2, t, -0.4
+running = jit(lambda t: 0.7 + t)
+running_in_space = jit(lambda t: (0.2, t, -0.4))
 
 
 def rows_of_the_table():

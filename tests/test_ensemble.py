@@ -24,10 +24,7 @@ from .test_prepare import python_calls
 # differs by some units in the last place, and the difference grows with the number of steps.
 ROUND_OFF = 1e-11
 
-
-@eig3.jit
-def duffing(t, u, v, p):
-    return p[3] * eig3.math.cos(p[4] * t) - u * (p[0] + p[1] * u * u) - p[2] * v
+duffing = eig3.jit(lambda t, u, v, p: p[3] * eig3.math.cos(p[4] * t) - u * (p[0] + p[1] * u * u) - p[2] * v)
 
 
 @eig3.jit
@@ -36,9 +33,7 @@ def springs(t, u, v, p, a):
         a[j] = -p[0] * u[j]
 
 
-@eig3.jit
-def spring_energy(t, u, v, p):
-    return (v * v + p[0] * u * u) / 2
+spring_energy = eig3.jit(lambda t, u, v, p: (v * v + p[0] * u * u) / 2)
 
 
 @eig3.jit
@@ -66,9 +61,7 @@ def chain_energy(t, u, v, p):
     return total
 
 
-@eig3.jit
-def last_position(t, u, v, p):
-    return u[-1]
+last_position = eig3.jit(lambda t, u, v, p: u[-1])
 
 
 def start(m, n=None, seed=0):
@@ -297,11 +290,7 @@ def test_growth_from_rest_is_judged_from_the_middle_of_the_run():
 
     The step of the last member is a little above the critical one: it grows by 1e6 in all, but by 1e3 from the middle.
     """
-
-    @eig3.jit
-    def pushed(t, u, v, p):
-        return p[0] * (1.0 if t > 0.5 else 0.0) + p[1] * u
-
+    pushed = eig3.jit(lambda t, u, v, p: p[0] * (1.0 if t > 0.5 else 0.0) + p[1] * u)
     p = np.array([[1.0, -1.0], [1.0, 4.0], [0.0, -1.0], [1.0, -40000.476]])
     solution = eig3.ensemble(pushed, (0, 20), 0.0, 0.0, h=0.01, params=p)
     assert solution.success.all()
@@ -309,10 +298,7 @@ def test_growth_from_rest_is_judged_from_the_middle_of_the_run():
 
 
 def test_a_member_that_cannot_start_does_not_stop_the_others():
-    @eig3.jit
-    def singular(t, u, v, p):
-        return -1.0 / u
-
+    singular = eig3.jit(lambda t, u, v, p: -1.0 / u)
     with pytest.raises(ValueError, match="rhs gives -inf for degree of freedom 0 at the start") as alone:
         eig3.integrate(singular, (0, 0.5), 0.0, 0.0, h=0.01)
     solution = eig3.ensemble(singular, (0, 0.5), [1.0, 0.0, 2.0], 0.0, h=0.01)
@@ -328,11 +314,7 @@ def test_a_member_that_cannot_start_does_not_stop_the_others():
 @pytest.mark.parametrize("method", ["eig3", eig3.CentralDifference(solver="newton")], ids=["lanes", "alone"])
 def test_members_that_cannot_start_may_be_anywhere(method):
     """Also at the ends and in the middle of the ensemble and of its parts, and in the whole of a part."""
-
-    @eig3.jit
-    def singular(t, u, v, p):
-        return -1.0 / u - v
-
+    singular = eig3.jit(lambda t, u, v, p: -1.0 / u - v)
     u0 = np.full(384, 1.0)
     u0[[0, 64, 127, 192, 383]] = u0[256:] = 0.0
     options = {"h": 0.05, "method": method}
@@ -419,11 +401,7 @@ def test_functions_are_checked():
 
 def test_the_plain_njit_of_numba_is_vectorised_too():
     """The check of a division by zero, which Numba adds by default, would prevent it."""
-
-    @numba.njit
-    def divided(t, u, v, p):
-        return -u / p[0]
-
+    divided = numba.njit(lambda t, u, v, p: -u / p[0])
     solution = eig3.ensemble(divided, (0, 1), np.ones(3), 0.0, h=0.01, params=[[1.0], [2.0], [0.5]])
     assert solution.notes == ()
     alone = eig3.integrate(divided, (0, 1), 1.0, 0.0, h=0.01, params=0.5, save_every=None)
@@ -477,17 +455,13 @@ def test_loops_in_functions_that_a_right_hand_side_calls_are_vectorised():
 
 
 def test_notes_say_why_a_function_is_not_vectorised():
-    @eig3.jit
-    def of_libm(t, u, v, p):
-        return -math.sin(u)
+    of_libm = eig3.jit(lambda t, u, v, p: -math.sin(u))
 
     @eig3.jit
     def of_t_only(t, u, v, p):
         return math.cos(t) - u  # the same for all members, so that it is computed once
 
-    @eig3.jit
-    def free(t, u, v, p):
-        return 0.0
+    free = eig3.jit(lambda t, u, v, p: 0.0)
 
     @eig3.jit
     def searched(t, u, v, p):
@@ -517,11 +491,7 @@ def test_notes_say_why_a_function_is_not_vectorised():
 def test_a_function_is_compiled_once_for_a_shape(monkeypatch):
     compiled = []
     monkeypatch.setattr(lanewise, "compile_rhs", lambda *args: compiled.append(args) or compile_rhs(*args))
-
-    @eig3.jit
-    def rhs(t, u, v, p):
-        return -p[0] * u
-
+    rhs = eig3.jit(lambda t, u, v, p: -p[0] * u)
     for m in (70, 100, 200):
         eig3.ensemble(rhs, (0, 1), np.ones(m), 0.0, h=0.01, params=1.0)
     assert len(compiled) == 1
@@ -544,11 +514,7 @@ def test_a_changed_global_is_seen_by_any_number_of_members():
 
 def test_what_lies_beyond_the_arrays_is_nan():
     """Each member is checked at its start, and the parameters are guarded all the time."""
-
-    @eig3.jit
-    def late(t, u, v, p):
-        return -p[0] * u if t <= 0.5 else -p[1] * u
-
+    late = eig3.jit(lambda t, u, v, p: -p[0] * u if t <= 0.5 else -p[1] * u)
     for params, h in ((np.ones((8, 1)), 0.01), (np.ones((8, 1)), np.full(8, 0.01)), (1.0, np.full(8, 0.01))):
         assert not eig3.ensemble(late, (0, 1), 1.0, 0.0, h=h, params=params).success.any()
 
@@ -612,11 +578,7 @@ def test_one_step_in_an_array_is_the_step_of_all():
 
 def test_overflow_gives_no_warnings():
     """pytest turns warnings into errors, also those of a logarithm of zero in an invariant."""
-
-    @eig3.jit
-    def logarithm(t, u, v, p):
-        return np.log(abs(u))
-
+    logarithm = eig3.jit(lambda t, u, v, p: np.log(abs(u)))
     solution = eig3.ensemble(linear_spring, (0, 3), [1.0, 0.0], 0.0, h=0.01, params=1.0, invariants={"e": logarithm})
     assert np.isnan(solution.drift["e"][1])
 
@@ -628,16 +590,9 @@ def test_an_exception_of_rhs_is_raised_and_loses_nothing():
             raise ValueError("out of range")
         return p[0]
 
+    options = {"h": 0.01, "params": np.repeat([[1.0], [1.0], [9.0]], 100, axis=0), "threads": 1}
     with pytest.raises(ValueError, match="out of range") as raised:
-        eig3.ensemble(
-            bounded,
-            (0, 10),
-            np.zeros(300),
-            0.0,
-            h=0.01,
-            params=np.repeat([[1.0], [1.0], [9.0]], 100, axis=0),
-            threads=1,
-        )
+        eig3.ensemble(bounded, (0, 10), np.zeros(300), 0.0, **options)
     part = raised.value.solution
     assert part.success[:100].all()  # their block has ended before
     assert part.status[299] is eig3.Status.INTERRUPTED
@@ -689,11 +644,7 @@ def test_ctrl_c_keeps_the_members_that_are_finished(monkeypatch):
 )
 def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch, module, name):
     """Before the first member begins, the arguments are checked and functions are compiled."""
-
-    @eig3.jit
-    def other(t, u, v, p):
-        return -u
-
+    other = eig3.jit(lambda t, u, v, p: -u)
     called = getattr(module, name)
 
     def with_signal(*arguments):
@@ -786,14 +737,8 @@ def test_an_ensemble_of_four_members_makes_few_python_calls(steps, most, monkeyp
     )
 
 
-@eig3.jit
-def after_four(t, u, v, p):
-    return t - 4.0
-
-
-@eig3.jit
-def below_bound_of_two(t, u, v, p):
-    return u[1] + p[1]
+after_four = eig3.jit(lambda t, u, v, p: t - 4.0)
+below_bound_of_two = eig3.jit(lambda t, u, v, p: u[1] + p[1])
 
 
 @eig3.jit
@@ -803,11 +748,7 @@ def two_springs(t, u, v, p, a):
 
 @pytest.mark.parametrize(
     ("form", "options", "own_step"),
-    [
-        (SCALAR, {}, False),
-        (VECTOR, {"save_every": 3}, True),
-        (SCALAR, {"save_every": 1}, False),
-    ],
+    [(SCALAR, {}, False), (VECTOR, {"save_every": 3}, True), (SCALAR, {"save_every": 1}, False)],
 )
 def test_events_that_end_members_are_found_in_lanes(form, options, own_step):
     """Some members end before they diverge, and some at a step; a zero of g in the other direction ends none."""

@@ -21,15 +21,11 @@ HEYOKA = [rival for rival in ENSEMBLE_RIVALS if rival.package == "heyoka"]
 DIFFRAX = [rival for rival in ENSEMBLE_RIVALS if rival.package == "diffrax"]
 
 
-def ends_in_lanes(case, m, n_steps):
-    options = {"h": case.h, "t_end": n_steps * case.h, "save_every": None}
-    return case.problem.ensemble(**case.members(m), **options).u[:, -1].reshape(m, -1)
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_lanes_the_loop_by_hand_and_jax_take_the_same_steps(name):
     case, m, n_steps = CASES[name], 3, 200
-    expected = ends_in_lanes(case, m, n_steps)
+    options = {"h": case.h, "t_end": n_steps * case.h, "save_every": None}
+    expected = case.problem.ensemble(**case.members(m), **options).u[:, -1].reshape(m, -1)
     for run in (case.run_by_hand(m, n_steps), jax_eig3(case, m, n_steps)):
         # the same sums in another order: round-off of 200 steps
         np.testing.assert_allclose(run(), expected, rtol=0, atol=1e-12 * np.abs(expected).max())

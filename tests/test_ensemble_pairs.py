@@ -9,7 +9,7 @@ import pytest
 
 import eig3
 
-from .conftest import oscillator, position, velocity
+from .conftest import SAME, assert_same, oscillator, position, velocity
 from .test_pairs import energy, late, rebound, spring
 
 P = np.array([[3.0, 0.05], [2.0, 0.1], [1.0, 0.0]])
@@ -104,19 +104,6 @@ def assert_members(found, names, steps):
             np.testing.assert_allclose(member.extremes[name], extremes, rtol=0, atol=1e-12)
 
 
-def assert_same(one, other):
-    for name in ("t", "u", "v", "h", "n_steps", "n_rhs", "n_rejected", "status", "message"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
-    for name, found in one.events.items():
-        for field in ("member", "t", "u", "v", "u_after", "v_after", "first"):
-            np.testing.assert_array_equal(getattr(found, field), getattr(other.events[name], field))
-    for name, values in one.outputs.items():
-        np.testing.assert_array_equal(values, other.outputs[name])
-    assert one.drift.keys() == other.drift.keys()
-    for name, drift in one.drift.items():
-        np.testing.assert_array_equal(drift, other.drift[name])
-
-
 @pytest.mark.parametrize("steps", STEPS)
 @pytest.mark.parametrize("names", [*itertools.combinations(NAMES, 2)], ids=" ".join)
 def test_a_pair_of_options(names, steps, executor, tmp_path):
@@ -137,13 +124,13 @@ def test_a_pair_of_options(names, steps, executor, tmp_path):
     if "check" in names:
         assert [each is not None for each in result.error] == result.success.tolist()
     if "save_to" in names:
-        assert_same(eig3.load(tmp_path / f"to {SPAN[1]}"), result)
+        assert_same(eig3.load(tmp_path / f"to {SPAN[1]}"), result, SAME)
     if "save" in names:
-        assert_same(eig3.load(result.save(tmp_path / "file")), result)
+        assert_same(eig3.load(result.save(tmp_path / "file")), result, SAME)
     if "extend" in names:
         half = solve([name for name in names if name != "extend"], steps, executor, tmp_path, 1.0)
         further = {"t_eval": WANTED[WANTED > 1.0]} if "t_eval" in names else {}
-        assert_same(half.extend(SPAN[1], **further), result)
+        assert_same(half.extend(SPAN[1], **further), result, SAME)
     if "tables" in names:
         table = result.to_pandas()
         assert len(table) == sum(len(member.t) for member in result)
@@ -159,20 +146,9 @@ def test_the_number_of_pairs_stays():
     import inspect
 
     taken = {
-        "rhs",
-        "t_span",
-        "u0",
-        "v0",
-        "params",
-        "h",
-        "rtol",
-        "atol",
-        "method",
-        "z0",
-        "first_order",
-        "labels",
-        "refused",
-    }
+        "rhs", "t_span", "u0", "v0", "params", "h", "rtol", "atol", "method", "z0", "first_order", "labels",
+        "refused"
+    }  # fmt: skip
     named = {*OF_RUNS, *OF_ENSEMBLES, "events", "accuracy", "scale", "max_seconds"}
     assert {*inspect.signature(eig3.ensemble).parameters} == taken | named
 
@@ -190,19 +166,9 @@ def test_what_an_ensemble_does_not_take(option, message):
         eig3.ensemble(oscillator, SPAN, U0, 0.0, params=P, h=0.1, **option)
 
 
-@eig3.jit
-def softening(t, u, v, p):
-    return -p[0] * u - p[1] * v + p[2] * u * u * u - p[3]
-
-
-@eig3.jit
-def above_wall(t, u, v, p):
-    return u - p[4]
-
-
-@eig3.jit
-def restitution(t, u, v, p):
-    return u, -p[5] * v
+softening = eig3.jit(lambda t, u, v, p: -p[0] * u - p[1] * v + p[2] * u * u * u - p[3])
+above_wall = eig3.jit(lambda t, u, v, p: u - p[4])
+restitution = eig3.jit(lambda t, u, v, p: (u, -p[5] * v))
 
 
 @pytest.mark.parametrize("method", ["eig3", "ab3", "rk4", "rk5"])

@@ -16,7 +16,7 @@ from eig3.effects import ElasticPlastic
 from eig3.ensembles import parts
 from eig3.math import cos
 
-from .conftest import oscillator, position, velocity
+from .conftest import SAME, assert_same, oscillator, position, velocity
 from .test_resume import After
 
 MEMBERS = 300  # 3 parts: two of 128 members, and one of 44
@@ -35,15 +35,6 @@ CASES = {
 
 def run(case="fixed steps in lanes", **options):
     return eig3.ensemble(oscillator, (0.0, 5.0), 1.0, 0.0, params=PARAMS, **{**CASES[case], **options})
-
-
-def assert_same(found, expected):
-    for name in ("t", "u", "v", "h", "n_steps", "n_rhs", "n_rejected", "status", "message", "params", "steps"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
-    for name in ("drift", "extremes", "outputs", "z"):
-        np.testing.assert_equal(getattr(found, name), getattr(expected, name))
-    for name, occurrences in found.events.items():
-        np.testing.assert_equal(vars(occurrences), vars(expected.events[name]))
 
 
 @pytest.fixture
@@ -75,10 +66,10 @@ def test_a_cancelled_ensemble_goes_on(case, tmp_path, started):
     found = cancelled.resume()
     assert sorted(held + started) == [0, 128, 256]
     assert started
-    assert_same(found, whole)
+    assert_same(found, whole, SAME)
     for again in (run(case, save_to=tmp_path), eig3.load(tmp_path, rhs=oscillator, **FUNCTIONS).resume()):
         assert again.notes[-1] == "An earlier run had finished 300 of 300 members."
-        assert_same(again, whole)
+        assert_same(again, whole, SAME)
     assert sorted(held + started) == [0, 128, 256]  # nothing has run again
     np.testing.assert_array_equal(found.extend(6.0).u, run(case).extend(6.0).u) if case != "one at a time" else None
 
@@ -90,8 +81,8 @@ import numpy as np
 import eig3
 from eig3.effects import ElasticPlastic
 from eig3.ensembles import parts
-from tests.conftest import oscillator
-from tests.test_ensemble_resume import FUNCTIONS, assert_same, finished, run
+from tests.conftest import SAME, assert_same, oscillator
+from tests.test_ensemble_resume import FUNCTIONS, finished, run
 
 case, places = sys.argv[1], Path(sys.argv[2])
 calls = 0
@@ -142,7 +133,7 @@ while not is_alive:
     firsts.clear()
     is_loaded = loads and moment % 2
     again = eig3.load(place, rhs=oscillator, **FUNCTIONS).resume() if is_loaded else run(case, save_to=place)
-    assert_same(again, whole)
+    assert_same(again, whole, SAME)
     assert sorted(held + firsts) == [0, 128, 256], (moment, held, firsts)
     left = sorted(x.name for x in place.iterdir())
     found.append([moment, len(held), bool(is_loaded), left])
@@ -190,11 +181,7 @@ def test_another_ensemble_is_refused(tmp_path):
 
 
 def springs(factor):
-    @eig3.jit
-    def spring(t, u, v, p):
-        return -factor * p[0] * cos(u)
-
-    return spring
+    return eig3.jit(lambda t, u, v, p: -factor * p[0] * cos(u))
 
 
 def test_functions_are_compared_by_what_they_compute(tmp_path):
@@ -211,7 +198,7 @@ def test_functions_are_compared_by_what_they_compute(tmp_path):
     start, options = ((0, 1), 1.0, 0.0), {"h": 0.01, "params": PARAMS}
     first = eig3.ensemble(other_name, *start, **options, save_to=tmp_path / "names")
     again = eig3.ensemble(same_name, *start, **options, save_to=tmp_path / "names")
-    assert_same(again, first)
+    assert_same(again, first, SAME)
     eig3.ensemble(springs(1.0), *start, **options, save_to=tmp_path / "numbers")
     eig3.ensemble(springs(1.0), *start, **options, save_to=tmp_path / "numbers")
     with pytest.raises(FileExistsError, match="another rhs"):
@@ -258,7 +245,7 @@ def test_a_damaged_part_runs_again(tmp_path, started):
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
     started.clear()
-    assert_same(whole.resume(), whole)
+    assert_same(whole.resume(), whole, SAME)
     assert started == [128]
 
 
@@ -281,7 +268,7 @@ def test_ensembles_of_problems_go_on(tmp_path, started):
         again = problem.load(place).resume()
         assert started
         assert not set(held) & set(started)
-        assert_same(again, whole)
+        assert_same(again, whole, SAME)
 
 
 class Counted(ThreadPoolExecutor):
@@ -310,7 +297,7 @@ def test_threads_get_the_parts_that_are_missing(tmp_path):
         held = interrupted(tmp_path, executor)
         assert held
         executor.count = 0
-        assert_same(run(save_to=tmp_path, executor=executor), run())
+        assert_same(run(save_to=tmp_path, executor=executor), run(), SAME)
         assert executor.count == 3 - len(held)
 
 
@@ -337,5 +324,5 @@ def goes_on(executor, place, monkeypatch):
 
     monkeypatch.setattr(executor, "submit", noted)
     loaded = eig3.load(place, rhs=oscillator, **FUNCTIONS)
-    assert_same(loaded.resume(executor=executor), run())
+    assert_same(loaded.resume(executor=executor), run(), SAME)
     assert sorted(held + parts_sent) == [0, 128, 256]

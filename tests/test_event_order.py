@@ -21,10 +21,7 @@ UNCLEAR = 1e-5  # events that are less apart than this, and no closer than NEAR,
 #: The parameters: the acceleration of each body, then the levels, times and factors of the events.
 GRAVITY, FLOOR, REBOUND, KICK_TIME, KICK, MARK, GATE, FACTOR, CLOCK = 0, 2, 3, 4, 5, 6, 7, 8, 9
 
-
-@eig3.jit
-def fall(t, u, v, p):
-    return p[0]
+fall = eig3.jit(lambda t, u, v, p: p[0])
 
 
 @eig3.jit
@@ -52,20 +49,14 @@ def _through_gate(t, u, v, p):
 #: The two forms of each event, (g, apply). The events of the vector form watch the first of two bodies.
 FORMS = {
     "floor": _both_forms(
-        lambda t, u, v, p: u - p[2],
-        lambda t, u, v, p: u[0] - p[2],
-        lambda t, u, v, p: (p[2], -p[3] * v),
-        _bounce_first,
+        lambda t, u, v, p: u - p[2], lambda t, u, v, p: u[0] - p[2], lambda t, u, v, p: (p[2], -p[3] * v), _bounce_first
     ),
     "kick": _both_forms(
         lambda t, u, v, p: t - p[4], lambda t, u, v, p: t - p[4], lambda t, u, v, p: (u, v + p[5]), _kick_first
     ),
     "mark": _both_forms(lambda t, u, v, p: u - p[6], lambda t, u, v, p: u[0] - p[6]),
     "gate": _both_forms(
-        lambda t, u, v, p: u - p[7],
-        lambda t, u, v, p: u[0] - p[7],
-        lambda t, u, v, p: (u, p[8] * v),
-        _through_gate,
+        lambda t, u, v, p: u - p[7], lambda t, u, v, p: u[0] - p[7], lambda t, u, v, p: (u, p[8] * v), _through_gate
     ),
     "clock": _both_forms(lambda t, u, v, p: t - p[9], lambda t, u, v, p: t - p[9]),
     "turn": _both_forms(lambda t, u, v, p: v, lambda t, u, v, p: v[0]),

@@ -20,25 +20,14 @@ from eig3.stepping.run_options import run_options
 from eig3.stepping.stepper import Stepper
 from eig3.stepping.system import System
 
-from .conftest import falling, first_position, position, spring, velocity
+from .conftest import assert_same, falling, first_position, position, spring, velocity
 
 FIXED = {"h": 1e-2, "method": "eig3"}
 ADAPTIVE = {"rtol": 1e-6, "method": "rk5"}
 
-
-@eig3.jit
-def pendulum(t, u, v, p):
-    return -np.sin(u)
-
-
-@eig3.jit
-def bounce(t, u, v, p):
-    return 0.0, -p[1] * v
-
-
-@eig3.jit
-def swap(t, u, v, p):
-    return u, 2 * v
+pendulum = eig3.jit(lambda t, u, v, p: -np.sin(u))
+bounce = eig3.jit(lambda t, u, v, p: (0.0, -p[1] * v))
+swap = eig3.jit(lambda t, u, v, p: (u, 2 * v))
 
 
 @eig3.jit
@@ -46,14 +35,8 @@ def free(t, u, v, p, a):
     a[0], a[1] = 0.0, -p[0]
 
 
-@eig3.jit
-def at_wall(t, u, v, p):
-    return p[1] * (u[0] - p[3])
-
-
-@eig3.jit
-def at_floor(t, u, v, p):
-    return p[2] * (u[1] - p[4])
+at_wall = eig3.jit(lambda t, u, v, p: p[1] * (u[0] - p[3]))
+at_floor = eig3.jit(lambda t, u, v, p: p[2] * (u[1] - p[4]))
 
 
 @eig3.jit
@@ -66,14 +49,8 @@ def off_floor(t, u, v, p):
     v[1] = -v[1]
 
 
-@eig3.jit
-def near_one(t, u, v, p):
-    return (t - p[2]) * (t - p[2]) - p[1]
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return v * v / 2 + p[0] * u
+near_one = eig3.jit(lambda t, u, v, p: (t - p[2]) * (t - p[2]) - p[1])
+energy = eig3.jit(lambda t, u, v, p: v * v / 2 + p[0] * u)
 
 
 @eig3.jit
@@ -130,8 +107,7 @@ def test_crossings_of_a_pendulum_are_those_of_scipy(options, scipy_pendulum):
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
 def test_events_without_apply_change_nothing(options):
     alone, watched = swing(None, **options), swing({"zero": Event(position), "turn": Event(velocity)}, **options)
-    for name in ("t", "u", "v"):
-        assert np.array_equal(getattr(alone, name), getattr(watched, name))
+    assert_same(alone, watched, ("t", "u", "v"))
 
 
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
@@ -180,11 +156,7 @@ def test_events_in_a_step_are_in_their_order():
 
 
 def _reaches(x):
-    @eig3.jit
-    def g(t, u, v, p):
-        return u - x
-
-    return g
+    return eig3.jit(lambda t, u, v, p: u - x)
 
 
 # Terminal events -----------------------------------------------------------------------------------------------------
@@ -331,14 +303,8 @@ def test_the_second_of_two_events_at_once_sees_the_state_after_the_first():
     assert floor.v_after.tolist() == [[1.0, 1.0]]
 
 
-@eig3.jit
-def hit(t, u, v, p):
-    return u + 0.5
-
-
-@eig3.jit
-def turn_back(t, u, v, p):
-    return -0.5, -v
+hit = eig3.jit(lambda t, u, v, p: u + 0.5)
+turn_back = eig3.jit(lambda t, u, v, p: (-0.5, -v))
 
 
 @pytest.mark.parametrize(
@@ -408,9 +374,7 @@ def size_of_u(t, u, v, p, a):
     a[1] = -float(v.size) * u[-1]
 
 
-@eig3.jit
-def last_of_all(t, u, v, p):
-    return u[-1] + 0.0 * v[-1] + 1e3 * (u.size - 2) + 1e3 * (v.size - 2)
+last_of_all = eig3.jit(lambda t, u, v, p: u[-1] + 0.0 * v[-1] + 1e3 * (u.size - 2) + 1e3 * (v.size - 2))
 
 
 @eig3.jit
@@ -443,14 +407,8 @@ def test_callbacks_get_arrays_of_n_values_however_many_events_there_are(options)
         np.testing.assert_allclose(solution.events[f"{k}"].t, [math.pi / math.sqrt(8)], rtol=0, atol=1e-4)
 
 
-@eig3.jit
-def at_one(t, u, v, p):
-    return t - 1.0
-
-
-@eig3.jit
-def push(t, u, v, p):
-    return u, v - 0.001
+at_one = eig3.jit(lambda t, u, v, p: t - 1.0)
+push = eig3.jit(lambda t, u, v, p: (u, v - 0.001))
 
 
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE, {"h": 0.25, "method": "ab3"}], ids=["fixed", "adaptive", "ab3"])
@@ -497,14 +455,8 @@ def test_a_body_that_does_not_rebound_does_not_pass_through_the_floor(restitutio
         assert np.array_equal(np.unique(solution.t), solution.t[np.append(True, np.diff(solution.t) > 0)])
 
 
-@eig3.jit
-def above_floor(t, u, v, p):
-    return u - p[2]
-
-
-@eig3.jit
-def land(t, u, v, p):
-    return p[2], -p[1] * v
+above_floor = eig3.jit(lambda t, u, v, p: u - p[2])
+land = eig3.jit(lambda t, u, v, p: (p[2], -p[1] * v))
 
 
 @eig3.jit
@@ -512,9 +464,7 @@ def pulled(t, u, v, p, a):
     a[0], a[1] = p[0], p[1]
 
 
-@eig3.jit
-def above_slope(t, u, v, p):
-    return p[2] * u[0] + p[3] * u[1] - p[4]
+above_slope = eig3.jit(lambda t, u, v, p: p[2] * u[0] + p[3] * u[1] - p[4])
 
 
 @eig3.jit
@@ -524,9 +474,7 @@ def land_on_slope(t, u, v, p):
     v[1] -= rate * p[3]
 
 
-@eig3.jit
-def within_circle(t, u, v, p):
-    return 1.0 - np.sqrt((u[0] - p[2]) ** 2 + (u[1] - p[3]) ** 2)
+within_circle = eig3.jit(lambda t, u, v, p: 1.0 - np.sqrt((u[0] - p[2]) ** 2 + (u[1] - p[3]) ** 2))
 
 
 @eig3.jit
@@ -561,14 +509,8 @@ def test_a_body_that_does_not_rebound_stays_on_a_slope_and_in_a_circle(options):
             assert np.linalg.norm(solution.u - foot, axis=1).max() < 1 + 1e-12 * size
 
 
-@eig3.jit
-def pressed_after_2(t, u, v, p):
-    return -1.0 if t > 2.05 else 0.0
-
-
-@eig3.jit
-def lifted_after_2(t, u, v, p):
-    return 1.0 if t > 2.05 else 0.0
+pressed_after_2 = eig3.jit(lambda t, u, v, p: -1.0 if t > 2.05 else 0.0)
+lifted_after_2 = eig3.jit(lambda t, u, v, p: 1.0 if t > 2.05 else 0.0)
 
 
 @pytest.mark.parametrize("options", [FIXED, {**ADAPTIVE, "h_max": 0.1}], ids=["fixed", "adaptive"])
@@ -604,9 +546,7 @@ def test_a_reset_may_let_the_state_pass(factor, direction, options):
     assert solution.u[-1] == pytest.approx(-factor * first * x - x * x / 2, abs=1e-11)
 
 
-@eig3.jit
-def through(t, u, v, p):
-    return u, p[1] * v
+through = eig3.jit(lambda t, u, v, p: (u, p[1] * v))
 
 
 @eig3.jit
@@ -619,9 +559,7 @@ def held_or_sliding(t, u, v, p, a):
     a[1] = 0.0
 
 
-@eig3.jit
-def stops(t, u, v, p):
-    return v[0] if u[1] != 0 else 1.0
+stops = eig3.jit(lambda t, u, v, p: v[0] if u[1] != 0 else 1.0)
 
 
 @eig3.jit
@@ -629,9 +567,7 @@ def sticks(t, u, v, p):
     v[0], u[1] = 0.0, 0.0
 
 
-@eig3.jit
-def pull_beyond_friction(t, u, v, p):
-    return abs(np.sin(t)) - 0.8 if u[1] == 0 else -1.0
+pull_beyond_friction = eig3.jit(lambda t, u, v, p: abs(np.sin(t)) - 0.8 if u[1] == 0 else -1.0)
 
 
 @eig3.jit
@@ -673,41 +609,25 @@ def test_the_last_state_of_a_run_that_ends_with_a_step(save_every, terminal, tmp
             assert (np.diff(solution.t) > 0).all()
 
 
-@eig3.jit
-def land_on_zero(t, u, v, p):
-    return 0.0, 0.0
-
+land_on_zero = eig3.jit(lambda t, u, v, p: (0.0, 0.0))
 
 # Two events ----------------------------------------------------------------------------------------------------------
 
-
-@eig3.jit
-def lift_to_three(t, u, v, p):
-    return 3.0, 0.0
-
-
-@eig3.jit
-def above_two(t, u, v, p):
-    return u - 2.0
+lift_to_three = eig3.jit(lambda t, u, v, p: (3.0, 0.0))
+above_two = eig3.jit(lambda t, u, v, p: u - 2.0)
 
 
 @pytest.mark.parametrize("options", [FIXED, ADAPTIVE], ids=["fixed", "adaptive"])
 def test_a_change_of_sign_by_another_reset_is_no_occurrence(options):
     """A body that reaches the floor is put at 3 m: it did not rise through 2 m, but it falls through it."""
-    events = {
-        "floor": Event(position, -1, apply=lift_to_three),
-        "level": Event(above_two),
-        "seen": Event(position),
-    }
+    events = {"floor": Event(position, -1, apply=lift_to_three), "level": Event(above_two), "seen": Event(position)}
     solution = eig3.integrate(falling, (0, 3), 1.0, 0.0, params=(2.0,), events=events, **options)
     np.testing.assert_allclose(solution.events["floor"].t, [1.0, 1 + math.sqrt(3)], rtol=0, atol=1e-11)
     np.testing.assert_allclose(solution.events["seen"].t, solution.events["floor"].t, rtol=0, atol=1e-11)
     np.testing.assert_allclose(solution.events["level"].t, [2.0], rtol=0, atol=1e-11)
 
 
-@eig3.jit
-def infinite(t, u, v, p):
-    return u, np.inf
+infinite = eig3.jit(lambda t, u, v, p: (u, np.inf))
 
 
 @eig3.jit
@@ -781,9 +701,7 @@ def test_a_run_with_many_slices_has_the_events_of_one_call():
     assert watched.extremes["v"].high == watched.v.max()
 
 
-@eig3.jit
-def nan_after_3(t, u, v, p):
-    return np.nan if t > 3 else u
+nan_after_3 = eig3.jit(lambda t, u, v, p: np.nan if t > 3 else u)
 
 
 @eig3.jit
@@ -822,19 +740,9 @@ def test_exceptions_keep_the_events_before_them(g, rhs, message, options):
         np.testing.assert_allclose(solution.u, np.cos(solution.t), rtol=0, atol=1e-3)
 
 
-@eig3.jit
-def escaping(t, u, v, p):
-    return p[0] * u**3 - u
-
-
-@eig3.jit
-def sine_of_place(t, u, v, p):
-    return math.sin(u) * v - 0.1
-
-
-@eig3.jit
-def unequal_squares(t, u, v, p):
-    return u * u - v * v
+escaping = eig3.jit(lambda t, u, v, p: p[0] * u**3 - u)
+sine_of_place = eig3.jit(lambda t, u, v, p: math.sin(u) * v - 0.1)
+unequal_squares = eig3.jit(lambda t, u, v, p: u * u - v * v)
 
 
 @pytest.mark.parametrize("options", [{"h": 0.02}, {"rtol": 1e-6}])

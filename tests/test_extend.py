@@ -9,26 +9,15 @@ import pytest
 
 import eig3
 
-from .conftest import bounce, energy, oscillator, position
-from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, forces, steady
+from .conftest import assert_same, bounce, energy, oscillator, position
+from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, forces
+from .test_resume import After
 
 
 def integrate(system, t_end, **options):
     start = system["rhs"], (1.0, t_end), system["u0"], system["v0"]
     options = options if "rtol" in options else {"h": H, **options}
     return eig3.integrate(*start, params=system["params"], **options)
-
-
-def assert_same(one, other):
-    for name in ("t", "u", "v"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    for name in ("h", "n_steps", "n_rhs", "n_iterations", "status", "message", "drift"):
-        assert getattr(one, name) == getattr(other, name), name
-    for each in ("outputs", "extremes"):
-        ours, theirs = getattr(one, each), getattr(other, each)
-        assert list(ours) == list(theirs)
-        for name in ours:
-            np.testing.assert_array_equal(ours[name], theirs[name])
 
 
 @pytest.mark.parametrize("form", ["scalar", "vector"])
@@ -59,42 +48,6 @@ def test_invariants_and_outputs_go_on(save_every):
     assert_same(first.extend(1.0 + 500 * H).extend(1.0 + 1000 * H), whole)  # `first` is still at its own end
 
 
-@pytest.mark.parametrize("event", [eig3.Event(position), eig3.Event(position, direction=-1, apply=bounce)])
-def test_events_go_on(event):
-    options = {"events": {"zero": event}, "method": "ab3"}
-    whole = integrate(SCALAR, 1.0 + 1000 * H, **options)
-    first = integrate(SCALAR, 1.0 + 300 * H, **options)
-    extended = first.extend(1.0 + 1000 * H)
-    assert_same(extended, whole)
-    assert len(whole.events["zero"]) > len(first.events["zero"]) > 1
-    for name in ("t", "u", "v_after"):
-        np.testing.assert_array_equal(getattr(extended.events["zero"], name), getattr(whole.events["zero"], name))
-
-
-@pytest.mark.parametrize("ends", [(30.0,), (21.0, 40.0), (199.0,), (3.0, 5.0, 9.0, 17.0, 33.0)])
-def test_a_steady_growth_is_noted_over_the_whole_span(ends):
-    # A harmonic motion, so that velocities change their sign, and a quantity that grows by 200 over the run.
-    options = {"invariants": {"e": steady}}
-    run = integrate(SCALAR | {"params": (2.0, 0.0)}, ends[0], **options)
-    for t_end in (*ends[1:], 201.0):
-        run = run.extend(t_end)
-    whole = integrate(SCALAR | {"params": (2.0, 0.0)}, 201.0, **options)
-    assert len(whole.notes) == 1
-    assert run.notes == whole.notes
-
-
-def test_a_blow_up_is_judged_over_the_whole_span():
-    # omega h = 2.1 is beyond the limit 2: the motion grows by 1.88 in a step, beyond doubt after some more steps.
-    system, options = SCALAR | {"params": (1.0, 0.0)}, {"h": 2.1, "method": "cd"}
-    first = integrate(system, 1.0 + 2.1 * 5, **options)
-    assert first.success
-    whole = integrate(system, 1.0 + 2.1 * 100, **options)
-    extended = first.extend(1.0 + 2.1 * 100)
-    assert whole.status is extended.status is eig3.Status.DIVERGED
-    with pytest.raises(ValueError, match="DIVERGED cannot be extended"):
-        extended.extend(1000.0)
-
-
 def test_an_interrupted_run_goes_on_from_where_it_stopped():
     cancel = threading.Event()
     cancel.set()
@@ -109,10 +62,8 @@ def test_an_interrupted_run_goes_on_from_where_it_stopped():
     assert caught.value.solution.n_steps == 100
 
 
-@eig3.jit
-def pushed(t, u, v, p):
-    """A spring, on which a force acts from t = p[0] on."""
-    return (1.0 if t >= p[0] else 0.0) - u - 0.1 * v
+#: A spring, on which a force acts from t = p[0] on.
+pushed = eig3.jit(lambda t, u, v, p: (1.0 if t >= p[0] else 0.0) - u - 0.1 * v)
 
 
 STARTS = {"rest": (0.0, 0.0, 0.0), "silence": (0.0, 0.0, 2.0), "displaced": (1.0, 0.0, 0.0), "pushed": (0.0, 1.0, 9.0)}
@@ -132,8 +83,6 @@ def test_an_extended_run_with_tolerances_is_one_run(method, start):
             before = run.t.copy()
             extended = run.extend(first + 0.1).extend(4.0).extend(5.0)
             assert_same(extended, whole)
-            np.testing.assert_array_equal(extended.steps, whole.steps)
-            assert extended.n_rejected == whole.n_rejected
             np.testing.assert_array_equal(run.t, before)
 
 
@@ -144,23 +93,16 @@ def test_events_go_on_with_tolerances(first):
     extended = eig3.integrate(pushed, (0, first), 0.0, 0.5, **options).extend(8.0).extend(20.0)
     assert_same(extended, whole)
     assert len(whole.events["zero"]) > 1
-    np.testing.assert_array_equal(extended.events["zero"].t, whole.events["zero"].t)
 
 
 @pytest.mark.parametrize("save_every", [1, 7, None])
 def test_an_interrupted_run_with_tolerances_goes_on(save_every, monkeypatch):
     """The last state of the interrupted run is not in the new one if it was saved only because it was the last."""
-    chunks = iter(range(3))
-
-    class AfterSomeChunks(threading.Event):
-        def is_set(self):
-            return next(chunks, None) is None
-
     monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-12)  # slices of one step
     monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-12)
     options = {"rtol": 1e-6, "params": 0.0, "save_every": save_every}
     whole = eig3.integrate(pushed, (0, 100), 2.0, 0.0, **options)
-    stopped = eig3.integrate(pushed, (0, 100), 2.0, 0.0, **options, cancel=AfterSomeChunks())
+    stopped = eig3.integrate(pushed, (0, 100), 2.0, 0.0, **options, cancel=After(3))
     assert stopped.status is eig3.Status.INTERRUPTED
     assert 0 < stopped.n_steps < whole.n_steps
     assert_same(stopped.extend(100), whole)
@@ -232,13 +174,3 @@ def test_a_run_that_raised_cannot_be_extended():
     with pytest.raises(ValueError, match="beyond the table") as caught:
         integrate(SCALAR | {"rhs": failing}, 1.0 + H).extend(3.0)
     assert caught.value.solution.t[-1] == 1.5 + H  # the step from t = 1.5 to here evaluates rhs at t = 1.5
-
-
-def test_problems_with_integrals_are_extended():
-    problem = eig3.problems.shear_building(work=True)
-    whole = problem.integrate(h=2.0**-10, t_end=0.25)
-    extended = problem.integrate(h=2.0**-10, t_end=0.125).extend(0.1875).extend(0.25)
-    assert_same(extended, whole)
-    assert extended.labels == whole.labels
-    np.testing.assert_array_equal(extended.z["work"], whole.z["work"])
-    assert extended.u.shape[1] == np.size(problem.u0)

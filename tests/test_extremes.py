@@ -1,21 +1,20 @@
 """Extremes of outputs and invariants with tolerances: they are those of the motion, also between the ends of steps."""
 
+import functools
+
 import numpy as np
 import pytest
 
 import eig3
 from eig3 import Event, Status, integrate
 
-from .conftest import above_level, falling, position, rebound, velocity
+from .conftest import above_level, assert_same, falling, position, rebound, velocity
 
 XI = 0.05
 END = 20.0
 DAMPED = np.sqrt(1 - XI**2)  # the circular frequency of the damped vibration; the undamped one is 1
 
-
-@eig3.jit
-def oscillator(t, u, v, p):
-    return -u - 2 * p[0] * v
+oscillator = eig3.jit(lambda t, u, v, p: -u - 2 * p[0] * v)
 
 
 @eig3.jit
@@ -100,27 +99,22 @@ def test_vector_form(method):
     assert (high[4], t_high[4]) == (0.5, 0.0)
 
 
-def assert_same(one, other):
-    assert one.extremes.keys() == other.extremes.keys()
-    for name, extremes in one.extremes.items():
-        for x, y in zip(extremes, other.extremes[name], strict=True):
-            np.testing.assert_array_equal(x, y)
-    assert one.drift == other.drift
+same_extremes = functools.partial(assert_same, names=("extremes", "drift"))
 
 
 @pytest.mark.parametrize("method", ["rk5", "rk8", "eig3"])
 def test_they_do_not_depend_on_what_is_saved_nor_on_the_calls(method, monkeypatch):
     options = {"rtol": 1e-5, "method": method, "outputs": {"more": (quadratic, 4)}, "invariants": {"v": velocity}}
     run = vibration(**options)
-    assert_same(run, vibration(save_every=7, **options))
-    assert_same(run, vibration(save_every=None, **options))
-    assert_same(run, vibration(t_eval=[1.0, END], **options))
+    same_extremes(run, vibration(save_every=7, **options))
+    same_extremes(run, vibration(save_every=None, **options))
+    same_extremes(run, vibration(t_eval=[1.0, END], **options))
     first = integrate(oscillator, (0.0, 7.0), 0.0, 1.0, params=XI, **options)
-    assert_same(run, first.extend(END))
+    same_extremes(run, first.extend(END))
     monkeypatch.setattr("eig3.run.short.MOST_SECONDS", 0.0)
     monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-12)  # a step in each call
     monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-12)
-    assert_same(run, vibration(**options))
+    same_extremes(run, vibration(**options))
 
 
 def test_inlined_run_has_the_same_extremes():
@@ -139,9 +133,7 @@ def test_what_is_followed_leaves_the_motion_alone():
     assert run.n_rhs == alone.n_rhs + 3 * run.n_steps
 
 
-@eig3.jit
-def undefined_later(t, u, v, p):
-    return np.nan if t > 3.0 else u
+undefined_later = eig3.jit(lambda t, u, v, p: np.nan if t > 3.0 else u)
 
 
 @eig3.jit
@@ -164,9 +156,7 @@ def test_the_first_nan_stays_with_its_time():
         assert x[1] == y
 
 
-@eig3.jit
-def saw(t, u, v, p):
-    return abs(u)
+saw = eig3.jit(lambda t, u, v, p: abs(u))
 
 
 def test_an_output_with_a_kink_has_values_that_it_takes():
@@ -187,10 +177,7 @@ def test_an_invariant_drifts_at_the_ends_of_steps():
 
 # Events --------------------------------------------------------------------------------------------------------------
 
-
-@eig3.jit
-def speed(t, u, v, p):
-    return abs(v)
+speed = eig3.jit(lambda t, u, v, p: abs(v))
 
 
 @pytest.mark.parametrize("method", ["rk5", "rk8", "eig3"])
@@ -210,9 +197,7 @@ def test_the_states_before_and_after_an_impact_count(method, terminal):
     assert run.extremes["u"].low == pytest.approx(0, abs=1e-13)
 
 
-@eig3.jit
-def stops(t, u, v, p):
-    return p[1], 0.0
+stops = eig3.jit(lambda t, u, v, p: (p[1], 0.0))
 
 
 @pytest.mark.parametrize("method", ["rk5", "rk8"])
@@ -243,7 +228,7 @@ def test_extended_through_impacts():
         "events": {"impact": Event(position, -1, apply=rebound)}, "invariants": {"speed": speed},
     }  # fmt: skip
     whole = integrate(falling, (0.0, 2.6), 5.0, 1.0, **options)
-    assert_same(whole, integrate(falling, (0.0, 1.5), 5.0, 1.0, **options).extend(2.6))
+    same_extremes(whole, integrate(falling, (0.0, 1.5), 5.0, 1.0, **options).extend(2.6))
     assert whole.extremes["u"].high == pytest.approx(5.05, rel=1e-13)  # u0 + v0^2 / (2 g)
     assert whole.extremes["u"].t_high == pytest.approx(0.1, rel=1e-7)
     assert whole.drift["speed"] == pytest.approx(np.sqrt(101) - 1, rel=1e-12)

@@ -93,10 +93,7 @@ def test_a_run_holds_below_the_limit_and_grows_above_it(grade):
 
 # Kernels --------------------------------------------------------------------------------------------------------------
 
-
-@eig3.jit
-def damped(t, u, v, p):
-    return -4 * u - 0.4 * v + np.cos(1.3 * t)
+damped = eig3.jit(lambda t, u, v, p: -4 * u - 0.4 * v + np.cos(1.3 * t))
 
 
 @eig3.jit
@@ -190,10 +187,7 @@ def test_grade_3_has_the_positions_of_eig3():
 
 # BM6 ------------------------------------------------------------------------------------------------------------------
 
-
-@eig3.jit
-def quartic(t, u, v, p):
-    return -u - u**3
+quartic = eig3.jit(lambda t, u, v, p: -u - u**3)
 
 
 def test_bm6_has_order_6_and_keeps_the_energy():

@@ -65,8 +65,7 @@ def polynomial(grade, Omega, xi=0):
     first = total([Fraction(1)], [Fraction(0), *(damping * x for x in series(eig.kappa(grade - 2)))])
     force = total([Omega * Omega], [damping * x for x in difference])
     return total(
-        product(product(difference, difference), first),
-        [Fraction(0), *product(series(eig.sigma(grade - 1)), force)],
+        product(product(difference, difference), first), [Fraction(0), *product(series(eig.sigma(grade - 1)), force)]
     )
 
 
@@ -96,8 +95,7 @@ def test_criterion_decides_between_inside_and_outside():
 
 
 @pytest.mark.parametrize(
-    ("grade", "xi"),
-    [(grade, xi) for grade in GRADES for xi in (0.0, *DAMPINGS) if xi == 0 or grade in DAMPED_GRADES],
+    ("grade", "xi"), [(grade, xi) for grade in GRADES for xi in (0.0, *DAMPINGS) if xi == 0 or grade in DAMPED_GRADES]
 )
 def test_theory_on_both_sides_of_every_limit(grade, xi):
     """Within 1e-6 of the limit; the roots of grade 3 are on the unit circle without damping, and grade 8 leaves it by

@@ -7,7 +7,6 @@ from . import faults
 pytestmark = pytest.mark.system
 
 TRIALS = {"flipped_bit": 3}
-TESTED_ELSEWHERE = {"pickled_problem", "name_that_is_code", "unwritten_entry", "shared_stepper", "copied_stepper"}
 
 
 @pytest.fixture(scope="module")
@@ -17,9 +16,6 @@ def warm_cache(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(
-    ("name", "number"),
-    [(name, k) for name in faults.FAULTS for k in range(TRIALS.get(name, 1)) if name not in TESTED_ELSEWHERE],
-)
+@pytest.mark.parametrize(("name", "number"), [(name, k) for name in faults.FAULTS for k in range(TRIALS.get(name, 1))])
 def test_fault_comes_out_as_it_should(name, number, warm_cache):
     assert faults.outcome(name, number, warm_cache) == faults.HELD

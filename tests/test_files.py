@@ -63,9 +63,7 @@ def mixed():
     return problem, problem.integrate(h=1e-3, save_every=100), shaken, solid, body
 
 
-@eig3.jit
-def sway(t):
-    return np.sin(t), np.cos(t)
+sway = eig3.jit(lambda t: (np.sin(t), np.cos(t)))
 
 
 def test_extended_xyz_is_read_by_ase(atoms, tmp_path):

@@ -44,16 +44,12 @@ def is_on_cylinder(x):
     return (np.isclose(across, 1) & (along <= 1 + 1e-12)) | (np.isclose(along, 1) & (across <= 1 + 1e-12))
 
 
-def is_on_capsule(x):
-    """All points have the distance 0.2 from the part of the axis between the middles of the half balls."""
-    return np.isclose(np.hypot(np.hypot(x[..., 0], x[..., 1]), np.maximum(abs(x[..., 2]) - 0.5, 0)), 0.2)
-
-
 SHAPES = {
     "box": lambda x: (abs(x / np.diag(AXES)) == 1).all(axis=-1),
     "sphere": lambda x: np.isclose(np.square(x / np.diag(AXES)).sum(axis=-1), 1),
     "cylinder": is_on_cylinder,
-    "capsule": is_on_capsule,
+    # the distance from the part of the axis between the middles of the half balls
+    "capsule": lambda x: np.isclose(np.hypot(np.hypot(*x.T[:2]), np.maximum(abs(x.T[2]) - 0.5, 0)).T, 0.2),
 }
 
 

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 import eig3
 from eig3.methods import METHODS
 
-from .conftest import first_position
+from .conftest import assert_same, first_position
 
 P = np.array([4.0, 1.5, 0.7])  # stiffnesses per mass, and the relaxation time
 START = np.array([1.0, 0.3, 0.2])  # u, v and z
@@ -49,9 +49,7 @@ def force(t, u, v, z, p, out):
     out[0], out[1] = p[0] * u[0], p[1] * z[0]
 
 
-@eig3.jit
-def stretch(t, u, v, z, p):
-    return z[0]
+stretch = eig3.jit(lambda t, u, v, z, p: z[0])
 
 
 def exact(t, p=P, start=START):
@@ -179,10 +177,7 @@ def test_an_invariant_with_z_is_conserved():
     def coupled(t, u, v, z, p, a, dz):
         a[0], dz[0] = -u[0] - 2 * z[0], 2 * v[0]
 
-    @eig3.jit
-    def energy(t, u, v, z, p):
-        return (v[0] ** 2 + u[0] ** 2 + z[0] ** 2) / 2
-
+    energy = eig3.jit(lambda t, u, v, z, p: (v[0] ** 2 + u[0] ** 2 + z[0] ** 2) / 2)
     solution = eig3.integrate(
         coupled, (0, 50), [1.0], [0.0], z0=0.0, rtol=1e-10, method="rk8", invariants={"energy": energy}
     )
@@ -197,10 +192,7 @@ def test_names_shapes_and_functions_without_z():
         dz[0] = u[0]
         dz[1], dz[2] = v[0], v[1]
 
-    @eig3.jit
-    def size(t, u, v, p):
-        return float(u.size + v.size)
-
+    size = eig3.jit(lambda t, u, v, p: float(u.size + v.size))
     z0 = {"area": 1.0, "copies": [0.3, 0.4]}
     solution = eig3.integrate(many, (0, 2), [0.1, 0.2], [0.5, 0.6], z0=z0, h=1e-3, method="rk4", outputs={"n": size})
     assert solution.z.keys() == z0.keys()
@@ -267,11 +259,7 @@ def test_files_and_extension_have_z(options, tmp_path):
     part.save(tmp_path / "file")
     for found in (part, *(eig3.load(tmp_path / x, rhs=solid, outputs=outputs) for x in ("part", "file"))):
         np.testing.assert_array_equal(found.a, part.a)
-        further = found.extend(2 * END)
-        for name in ("t", "u", "v"):
-            np.testing.assert_array_equal(getattr(further, name), getattr(whole, name))
-        np.testing.assert_array_equal(further.z["z"], whole.z["z"])
-        np.testing.assert_array_equal(further.outputs["force"], whole.outputs["force"])
+        assert_same(found.extend(2 * END), whole)
     np.testing.assert_array_equal(eig3.load(tmp_path / "file").z["z"], part.z["z"])
 
 
@@ -359,9 +347,7 @@ def test_inline_compiles_z_too():
     np.testing.assert_allclose(last(run(h=0.01, inline=True)), last(run(h=0.01)), rtol=0, atol=1e-13)
 
 
-@eig3.jit
-def acceleration(t, u, v, p):
-    return -u
+acceleration = eig3.jit(lambda t, u, v, p: -u)
 
 
 @pytest.mark.parametrize(

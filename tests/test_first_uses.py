@@ -4,13 +4,9 @@ The counts are budgets: a change that compiles more functions for one of these u
 program that uses SciPy, imports its linear algebra, which takes as long as the whole first run from compiled code.
 """
 
-import os
-import subprocess
-import sys
-
 import pytest
 
-from .conftest import BLOCKS
+from .conftest import BLOCKS, python
 
 pytestmark = pytest.mark.system
 
@@ -55,13 +51,11 @@ print("compiled", len(functions), "scipy.linalg" in sys.modules)
 def test_a_first_use_compiles_few_functions_and_the_next_process_none(use, tmp_path):
     program, most = USES[use]
     (tmp_path / "program.py").write_text(program)
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    command = [sys.executable, "-c", _COUNTED, tmp_path / "program.py"]
     counts = []
     for folder in (tmp_path / "first", tmp_path / "second"):
         folder.mkdir()
-        result = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=True)
-        count, has_scipy = result.stdout.split()[-2:]
+        given = {"cwd": folder, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+        count, has_scipy = python("-c", _COUNTED, tmp_path / "program.py", **given).split()[-2:]
         counts.append(int(count))
         assert has_scipy == str("scipy" in program or "frame" in program)
     assert counts[0] <= most

@@ -21,20 +21,9 @@ from eig3.result.resampling import resampled
 
 from .conftest import refusals
 
-
-@eig3.jit
-def damped(t, u, v, p):
-    return -p.k * u - p.c * v
-
-
-@eig3.jit
-def damped_of_array(t, u, v, p):
-    return -p[0] * u - p[1] * v
-
-
-@eig3.jit
-def duffing(t, u, v, p):
-    return p.a * t - p.c * v - p.k * u - u * u * u
+damped = eig3.jit(lambda t, u, v, p: -p.k * u - p.c * v)
+damped_of_array = eig3.jit(lambda t, u, v, p: -p[0] * u - p[1] * v)
+duffing = eig3.jit(lambda t, u, v, p: p.a * t - p.c * v - p.k * u - u * u * u)
 
 
 @eig3.jit
@@ -52,29 +41,16 @@ def forces(t, u, v, p, out):
     out[1] = p.k[1] * (u[1] - u[0])
 
 
-@eig3.jit
-def restoring(t, u, v, p):
-    return p.k * u
-
-
-@eig3.jit
-def undefined(t, u, v, p):
-    return np.nan
-
+restoring = eig3.jit(lambda t, u, v, p: p.k * u)
+undefined = eig3.jit(lambda t, u, v, p: np.nan)
 
 TRUE = {"k": 4.0, "c": 0.2, "u0": 1.0, "v0": 0.5}
 TIMES = np.linspace(0, 10, 41)
 OSCILLATOR = eig3.Problem("oscillator", damped, 1.0, 0.5, {"k": 4.0, "c": 0.2}, (0, 10), units="m")
 CHAIN = eig3.Problem(
-    "chain",
-    chain,
-    [0.1, 0.0],
-    [0.0, 0.2],
-    {"k": np.array([30.0, 20.0]), "c": 0.3, "m": np.array([1.0, 2.0])},
-    (0, 5),
-    names=("low", "high"),
-    z0={"speed": 0.0},
-)
+    "chain", chain, [0.1, 0.0], [0.0, 0.2], {"k": np.array([30.0, 20.0]), "c": 0.3, "m": np.array([1.0, 2.0])},
+    (0, 5), names=("low", "high"), z0={"speed": 0.0}
+)  # fmt: skip
 
 
 def motion(t, k, c, u0, v0):
@@ -466,9 +442,7 @@ def test_a_fit_takes_the_runs_and_finds_the_least_squares_of_scipy(monkeypatch):
     assert with_tolerances.n_runs <= 1.2 * residuals.count
 
 
-@eig3.jit
-def shaken(t, u, v, p):
-    return eig3.math.interp(t, p.t, p.force) - p.c * v - p.k * u - p.k3 * u**3
+shaken = eig3.jit(lambda t, u, v, p: eig3.math.interp(t, p.t, p.force) - p.c * v - p.k * u - p.k3 * u**3)
 
 
 def test_a_fit_with_tolerances_where_a_record_has_corners():
@@ -528,9 +502,7 @@ def test_a_first_value_with_which_the_run_diverges_is_named_with_a_shorter_step(
         eig3.fit(OSCILLATOR, exact_data(), {"k": 4e4}, h=0.05)
 
 
-@eig3.jit
-def with_a_mass(t, u, v, p):
-    return -(p.k * u + p.c * v) / p.m
+with_a_mass = eig3.jit(lambda t, u, v, p: -(p.k * u + p.c * v) / p.m)
 
 
 def test_parameters_that_the_data_do_not_determine_are_named():
@@ -544,9 +516,7 @@ def test_parameters_that_the_data_do_not_determine_are_named():
     assert "idle = 1 +- inf" in repr(result)
 
 
-@eig3.jit
-def with_an_edge(t, u, v, p):
-    return -4 * u - np.sqrt(p.c - 0.5) * v
+with_an_edge = eig3.jit(lambda t, u, v, p: -4 * u - np.sqrt(p.c - 0.5) * v)
 
 
 def test_a_fit_comes_back_from_trials_that_fail():

@@ -242,12 +242,7 @@ def test_a_moment_rolls_a_beam_into_a_circle():
     n = 8
     frame, phi, length = line(n), 2 * np.pi / n, L / n
     corners = np.concatenate([[0], np.cumsum(length * np.exp(1j * (phi * np.arange(n) + phi / 2)))])
-    u0 = state(
-        frame,
-        ux=lambda k: corners[k].real - k * length,
-        uy=lambda k: corners[k].imag,
-        rz=lambda k: phi * k,
-    )
+    u0 = state(frame, ux=lambda k: corners[k].real - k * length, uy=lambda k: corners[k].imag, rz=lambda k: phi * k)
     problem = frame.problem((0, 1e-6), corotational=True, u0=u0)
     forces = problem.integrate(h=1e-6).a[0] * problem.params.m
     moment = SECTION.E * SECTION.I * phi / length

@@ -13,8 +13,7 @@ from eig3 import effects, problems
 from eig3.effects.hertz_mindlin import damping_ratio
 from eig3.scene import Scene, pair_force
 
-from .conftest import acceleration, refusals
-from .test_extend import assert_same
+from .conftest import acceleration, assert_same, refusals
 from .test_neighbours import by_python
 
 R, M = 0.1, 0.02
@@ -36,20 +35,9 @@ class Block(effects.FrictionalContact):
     wall_radius: float = R
     loss: float = 0.0
 
-    @staticmethod
-    @eig3.jit
-    def tension(r, stiffness, contact_distance):
-        return -stiffness * (contact_distance - r)
-
-    @staticmethod
-    @eig3.jit
-    def shear_stiffness(shear):
-        return shear
-
-    @staticmethod
-    @eig3.jit
-    def shear_damping(loss):
-        return loss
+    tension = eig3.jit(lambda r, stiffness, contact_distance: -stiffness * (contact_distance - r))
+    shear_stiffness = eig3.jit(lambda shear: shear)
+    shear_damping = eig3.jit(lambda loss: loss)
 
 
 def of_two(places, speeds, spins, stiffness=0.01, **fields):
@@ -170,10 +158,7 @@ def test_names_in_ones_own_contact_do_not_clash_with_those_of_the_code():
     class Within(Block):
         limit: float = 2.0
 
-        @staticmethod
-        @eig3.jit
-        def shear_damping(loss, limit):
-            return loss * limit
+        shear_damping = eig3.jit(lambda loss, limit: loss * limit)
 
     scene = Scene(2)
     scene.add(Within(1e3, 50.0, 2 * R, 0.4), scene.mass(M, [(0.0, 0.0), (0.15, 0.1)]))
@@ -321,11 +306,7 @@ def test_the_springs_are_a_part_of_the_state(method, tmp_path, monkeypatch):
 
 def test_what_a_run_saves_and_looks_for_does_not_change_it():
     """Wanted times, outputs and events within steps are no steps: no spring advances there."""
-
-    @eig3.jit
-    def first(t, u, v, p):
-        return v[0]
-
+    first = eig3.jit(lambda t, u, v, p: v[0])
     problem = heap().problem((0.0, 0.5))
     plain = problem.integrate(h=1e-4, save_every=None)
     looks = {"outputs": {"first": first}, "events": {"turn": eig3.Event(first)}}

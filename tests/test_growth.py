@@ -71,19 +71,9 @@ def test_atoms_that_come_close_on_their_way():
     assert "h = " in run.message
 
 
-@eig3.jit
-def inverted_pendulum(t, u, v, p):
-    return p[0] * np.sin(u)
-
-
-@eig3.jit
-def falling(t, u, v, p):
-    return 9.81
-
-
-@eig3.jit
-def forced(t, u, v, p):
-    return p[0] * np.sin(p[1] * t) - u
+inverted_pendulum = eig3.jit(lambda t, u, v, p: p[0] * np.sin(u))
+falling = eig3.jit(lambda t, u, v, p: 9.81)
+forced = eig3.jit(lambda t, u, v, p: p[0] * np.sin(p[1] * t) - u)
 
 
 @eig3.jit
@@ -137,9 +127,7 @@ def test_a_run_past_the_end_of_its_solution_diverges(h, steps):
     assert integrate(quartic, (0, 0.2), 1.0, 0.0, h=0.05, method="rk4").success
 
 
-@eig3.jit
-def quartic(t, u, v, p):
-    return 60 * u**3
+quartic = eig3.jit(lambda t, u, v, p: 60 * u**3)
 
 
 def test_what_is_found_at_the_end_costs_no_run_that_stays_small(monkeypatch):
@@ -168,24 +156,10 @@ def energy_of_two(t, u, v, p):
     return 0.5 * (v[0] ** 2 + v[1] ** 2 + v[2] ** 2 + v[3] ** 2) + 4 * (s**6 - s**3)
 
 
-@eig3.jit
-def energy_of_pendulum(t, u, v, p):
-    return v * v / 2 + p[0] * (np.cos(u) - 1)
-
-
-@eig3.jit
-def level_pendulum(t, u, v, p):
-    return -np.cos(u)
-
-
-@eig3.jit
-def energy_of_level_pendulum(t, u, v, p):
-    return v * v / 2 + np.sin(u)
-
-
-@eig3.jit
-def momentum(t, u, v, p):
-    return v[0] + v[1] + v[2] + v[3]
+energy_of_pendulum = eig3.jit(lambda t, u, v, p: v * v / 2 + p[0] * (np.cos(u) - 1))
+level_pendulum = eig3.jit(lambda t, u, v, p: -np.cos(u))
+energy_of_level_pendulum = eig3.jit(lambda t, u, v, p: v * v / 2 + np.sin(u))
+momentum = eig3.jit(lambda t, u, v, p: v[0] + v[1] + v[2] + v[3])
 
 
 @pytest.mark.parametrize("method", ["eig3", "rk4"])

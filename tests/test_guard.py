@@ -6,10 +6,7 @@ import pytest
 import eig3
 from eig3 import integrate
 
-
-@eig3.jit
-def stiff(t, u, v, p):
-    return -p[0] * u
+stiff = eig3.jit(lambda t, u, v, p: -p[0] * u)
 
 
 @eig3.jit

@@ -2,16 +2,7 @@
 
 import numpy as np
 
-from eig3.effects import (
-    BoucWen,
-    Breaking,
-    ElasticPlastic,
-    Gap,
-    LeadRubber,
-    LinearDamper,
-    LinearSpring,
-    MassImpact,
-)
+from eig3.effects import BoucWen, Breaking, ElasticPlastic, Gap, LeadRubber, LinearDamper, LinearSpring, MassImpact
 from eig3.scene import Scene
 
 from .conftest import refusals

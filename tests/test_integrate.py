@@ -28,10 +28,7 @@ def oscillate(t_end=10.0, **options):
     return integrate(oscillator, (0, t_end), 1.0, 0.0, **options)
 
 
-@eig3.jit
-def oscillator_energy(t, u, v, p):
-    return v * v / 2 + p[0] * p[0] * u * u / 2
-
+oscillator_energy = eig3.jit(lambda t, u, v, p: v * v / 2 + p[0] * p[0] * u * u / 2)
 
 # Saved states ------------------------------------------------------------------------------------------------------
 
@@ -113,15 +110,6 @@ def test_drift_of_a_vector_run_over_many_chunks(monkeypatch):
     np.testing.assert_array_equal(run.u[:-1], every.u[::13][: len(run.u) - 1])
 
 
-@eig3.jit
-def undefined_later(t, u, v, p):
-    return np.nan if 1 < t < 2 else 0.0
-
-
-def test_invariant_that_becomes_nan_has_a_drift_of_nan():
-    assert np.isnan(oscillate(invariants={"e": undefined_later}, save_every=3).drift["e"])
-
-
 def test_kernel_seconds_hold_no_compiling(monkeypatch):
     """The clock of the slices is read just around its kernel: twice a call, and by nothing else."""
     readings = []
@@ -192,29 +180,6 @@ def test_a_right_hand_side_that_raises_where_the_cause_is_sought_does_not_hide_i
     assert remedy in run.explain()
 
 
-def test_a_right_hand_side_that_gives_nan_is_distinguished_from_instability():
-    @eig3.jit
-    def undefined(t, u, v, p):
-        return np.sqrt(0.5 - t)
-
-    run = integrate(undefined, (0, 1), 1.0, 0.0, h=0.01)
-    assert run.status is eig3.Status.DIVERGED
-    assert "rhs gives nan at t = 0.51" in run.explain()
-    assert run.t[-1] == pytest.approx(0.51)
-
-
-def test_divergence_names_the_degree_of_freedom():
-    @eig3.jit
-    def one_of_three(t, u, v, p, a):
-        a[0] = a[1] = 0.0
-        a[2] = np.inf if t > 0.5 else 0.0
-
-    run = integrate(one_of_three, (0, 1), np.zeros(3), np.zeros(3), h=0.01)
-    assert run.status is eig3.Status.DIVERGED
-    assert "degree of freedom 2" in run.message
-    assert run.t[-1] == pytest.approx(0.51)
-
-
 @pytest.mark.parametrize("solver", ["newton", "fixed-point"])
 @pytest.mark.parametrize("rhs_u0", [(oscillator, 1.0), (oscillator_vector, [1.0])], ids=["scalar", "vector"])
 def test_divergence_inside_a_solve_is_divergence(solver, rhs_u0):
@@ -223,12 +188,6 @@ def test_divergence_inside_a_solve_is_divergence(solver, rhs_u0):
     run = integrate(rhs, (0, 1e4), u0, np.zeros_like(u0), h=0.7, params=(3.0, 0.01), method=method)
     assert run.status is eig3.Status.DIVERGED
     assert np.isfinite(run.u).all()
-
-
-def test_divergence_of_a_method_without_a_stable_step_says_so():
-    run = oscillate(t_end=1e5, h=0.5, method="rk2")
-    assert run.status is eig3.Status.DIVERGED
-    assert "unstable" in run.explain()
 
 
 def test_raise_on_failure_carries_the_solution():
@@ -295,20 +254,6 @@ def test_a_thread_can_integrate():
     assert runs[0].success
 
 
-@pytest.mark.parametrize(("rhs", "u0"), [(raises_later, 1.0), (raises_later_vector, [1.0, 2.0, 3.0])])
-def test_exception_from_rhs_comes_through_with_the_part_before_it(rhs, u0):
-    v0 = np.zeros_like(u0)
-    with pytest.raises(ValueError, match="past the end of the record") as caught:
-        integrate(rhs, (0, 10), u0, v0, h=1e-3, params=5.0)
-    partial = caught.value.solution
-    assert "raised ValueError" in partial.message
-    # f is evaluated at t = 5.001 in the step that begins there
-    assert partial.t[-1] == pytest.approx(5.001, abs=1e-9)
-    assert partial.n_steps == 5001
-    whole = integrate(rhs, (0, 5), u0, v0, h=1e-3, params=5.0)
-    np.testing.assert_array_equal(partial.u[:-1], whole.u)
-
-
 def test_progress_bar_counts_the_steps(capsys):
     oscillate(progress=True)
     assert "1.00k/1.00k" in capsys.readouterr().err
@@ -321,19 +266,6 @@ def test_without_tqdm_progress_says_what_to_install(monkeypatch):
 
 
 # The solution --------------------------------------------------------------------------------------------------------
-
-
-def test_interpolation_is_of_sixth_and_fifth_order():
-    problem = eig3.problems.single_dof(omega=2.0, t_end=10.0)
-
-    def errors(save_every):
-        run = problem.integrate(h=1 / 1024, method="rk4", save_every=save_every)
-        t = np.linspace(0, 10, 1237)
-        u, v = problem.exact(t)
-        return np.array([np.abs(run.at(t)[0] - u).max(), np.abs(run.at(t)[1] - v).max()])
-
-    order = np.log2(errors(256) / errors(128))
-    np.testing.assert_allclose(order, [6, 5], atol=0.15)
 
 
 def test_interpolation_meets_the_saved_states_and_keeps_shapes():
@@ -354,15 +286,8 @@ def test_interpolation_meets_the_saved_states_and_keeps_shapes():
 
 def test_repr_is_a_summary():
     text = repr(oscillate(invariants={"energy": oscillator_energy}))
-    for word in (
-        "EIG3(alpha=1.0, beta=0.5)",
-        "completed",
-        "1000 steps",
-        "1001 evaluations",
-        "drift of energy",
-        "ns a step",
-    ):
-        assert word in text
+    words = ["EIG3(alpha=1.0, beta=0.5)", "completed", "1000 steps", "1001 evaluations", "drift of energy", "ns a step"]
+    assert not [word for word in words if word not in text]
     assert "non-finite" in repr(oscillate(t_end=1e4, h=0.7))
     assert "iterations" in repr(oscillate(method=eig3.CentralDifference()))
 
@@ -374,9 +299,7 @@ def plain(t, u, v, p):
     return -u
 
 
-@numba.njit
-def three_arguments(t, u, v):
-    return -u
+three_arguments = numba.njit(lambda t, u, v: -u)
 
 
 @numba.njit
@@ -384,29 +307,11 @@ def returns_nothing(t, u, v, p):
     pass
 
 
-@numba.njit
-def returns_an_integer(t, u, v, p):
-    return 0
-
-
-@numba.njit
-def returns_float32(t, u, v, p):
-    return np.float32(u)
-
-
-@numba.njit
-def many_arguments(t, u, v, p, k, m):
-    return u
-
-
-@numba.njit
-def returns_an_array(t, u, v, p, a):
-    return u * 2.0
-
-
-@numba.njit
-def does_not_type(t, u, v, p):
-    return u + "a"
+returns_an_integer = numba.njit(lambda t, u, v, p: 0)
+returns_float32 = numba.njit(lambda t, u, v, p: np.float32(u))
+many_arguments = numba.njit(lambda t, u, v, p, k, m: u)
+returns_an_array = numba.njit(lambda t, u, v, p, a: u * 2.0)
+does_not_type = numba.njit(lambda t, u, v, p: u + "a")
 
 
 @numba.njit("float64(float64, float64, float64, float64[:])")
@@ -420,31 +325,12 @@ def half_written(t, u, v, p, a):
 
 
 @numba.njit
-def changes_u(t, u, v, p, a):
-    u[0] += 1
-    a[:] = 0.0
-
-
-@numba.njit
-def changes_p(t, u, v, p, a):
-    p[0] += 1
-    a[:] = 0.0
-
-
-@numba.njit
 def asks_what_is_unknown(t, u, v, p, a):
     a[0] = u.missing
 
 
-@numba.njit
-def in_another_order(u, v, t, p):
-    return -u
-
-
-@numba.njit
-def not_finite(t, u, v, p):
-    return 1.0 / u if u != 0 else np.nan
-
+in_another_order = numba.njit(lambda u, v, t, p: -u)
+not_finite = numba.njit(lambda t, u, v, p: 1.0 / u if u != 0 else np.nan)
 
 GOOD = {"rhs": oscillator, "t_span": (0, 1), "u0": 1.0, "v0": 0.0, "h": 0.1, "params": PARAMS}
 
@@ -492,8 +378,6 @@ BAD_TYPES = [
         {"rhs": asks_what_is_unknown, "u0": [1.0], "v0": [0.0]},
         "(t, u, v, p, a), writing a: Unknown attribute 'missing' of type readonly array",
     ),
-    ({"rhs": changes_u, "u0": [1.0], "v0": [0.0]}, "rhs must not write to u, v or p"),
-    ({"rhs": changes_p, "u0": [1.0], "v0": [0.0]}, "rhs must not write to u, v or p"),
     ({"rhs": in_another_order}, "rhs takes u, v, t, p as its first arguments, but must have the form (t, u, v, p)"),
     ({"rhs": explicit}, "its decorator must not list signatures"),
     ({"u0": 1j}, "u0 must be made of real numbers, not 1j."),

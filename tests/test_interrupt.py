@@ -302,15 +302,6 @@ def test_a_run_in_a_thread_is_cancelled(after_begin):
     assert 0 < run.n_steps < 2**40
 
 
-def test_a_cancelled_run_does_not_begin():
-    cancel = threading.Event()
-    cancel.set()
-    run = endless(cancel=cancel)
-    assert run.status is eig3.Status.INTERRUPTED
-    assert run.n_steps == 0
-    np.testing.assert_array_equal(run.u, [1.0])
-
-
 def test_cancel_must_be_an_event():
     with pytest.raises(TypeError, match=r"cancel must be a threading.Event, not True\."):
         endless(cancel=True)

@@ -66,10 +66,7 @@ def test_a_run_that_goes_on_has_the_drift_of_one_run(problem, tmp_path):
 
 
 def test_outputs_are_evaluated_at_every_step_beside(problem):
-    @eig3.jit
-    def speed(t, u, v, p):
-        return np.sqrt(v[0] ** 2 + v[1] ** 2)
-
+    speed = eig3.jit(lambda t, u, v, p: np.sqrt(v[0] ** 2 + v[1] ** 2))
     run = problem.integrate(h=H, t_end=N * H, outputs={"speed": speed})
     assert run.n_invariants == len(due_steps(N))
     assert run.extremes["speed"].high == run.outputs["speed"].max()

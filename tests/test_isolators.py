@@ -94,24 +94,12 @@ def test_a_pendulum_dissipates_and_balances(friction, omega, strength, angle):
 #: Displacements at t = 1, ..., 5 that OpenSees 3.7.1 prints for a mass of 1 kg on elastomericBearingBoucWen with the
 #: shear stiffness 103, the strength 2, alpha1 = 3 / 103, eta = 2, beta = gamma = 0.5, under 6 N cos(5.6 t) and
 #: 4 N cos(4.1 t), by Newmark 0.5 0.25 with the steps 2e-4 and 5e-5.
-OF_OPENSEES = np.array(
-    [
-        [
-            [-0.3120168729, -0.1651822731],
-            [-0.2072168632, 0.0746470509],
-            [0.0453085170, -0.2789566126],
-            [0.2020068147, 0.1580953610],
-            [0.1649228863, 0.2207735272],
-        ],
-        [
-            [-0.3118406032, -0.1650783691],
-            [-0.2072588731, 0.0745835449],
-            [0.0453128006, -0.2790534929],
-            [0.2019966402, 0.1580920543],
-            [0.1649500470, 0.2208387716],
-        ],
-    ]
-)
+OF_OPENSEES = np.array([
+    [[-0.3120168729, -0.1651822731], [-0.2072168632, 0.0746470509], [0.0453085170, -0.2789566126],
+     [0.2020068147, 0.1580953610], [0.1649228863, 0.2207735272]],
+    [[-0.3118406032, -0.1650783691], [-0.2072588731, 0.0745835449], [0.0453128006, -0.2790534929],
+     [0.2019966402, 0.1580920543], [0.1649500470, 0.2208387716]],
+])  # fmt: skip
 
 
 def test_a_lead_rubber_bearing_is_the_bearing_of_opensees():
@@ -152,9 +140,7 @@ def test_the_period_of_a_pendulum():
     np.testing.assert_allclose(-np.diff(np.abs(along)), 2 * mu * radius, rtol=0, atol=0.3 * y)
 
 
-@eig3.jit
-def turning(t, u, v, z, p):
-    return 0.6 * v[0] + 0.8 * v[1]
+turning = eig3.jit(lambda t, u, v, z, p: 0.6 * v[0] + 0.8 * v[1])
 
 
 def test_bearings_below_a_frame_in_space():

@@ -102,9 +102,7 @@ def test_a_weld_in_space_bears_torques_about_each_axis():
     np.testing.assert_allclose(run.outputs["reactions"][-1, -6:], [0, 0, 0, *-torque], rtol=0, atol=1e-12)
 
 
-@eig3.jit
-def steady(t):
-    return 3.0 * t, 3.0, 0.0
+steady = eig3.jit(lambda t: (3.0 * t, 3.0, 0.0))
 
 
 def test_a_universal_joint_turns_as_hookes():
@@ -125,9 +123,7 @@ def test_a_universal_joint_turns_as_hookes():
     np.testing.assert_allclose(angle, expected, rtol=0, atol=1e-9)
 
 
-@eig3.jit
-def controller(t, angle, rate):
-    return 0.4 * t - 5.0 * angle - 0.3 * rate
+controller = eig3.jit(lambda t, angle, rate: 0.4 * t - 5.0 * angle - 0.3 * rate)
 
 
 def driven(t, inertia):
@@ -140,9 +136,7 @@ def driven(t, inertia):
     return start + drift * t + np.exp(-xi * omega * t) * (-start * np.cos(high * t) + sine * np.sin(high * t))
 
 
-@eig3.jit
-def rising(t):
-    return 0.4 * t
+rising = eig3.jit(lambda t: 0.4 * t)
 
 
 def test_a_motor_may_be_a_controller():
@@ -172,14 +166,8 @@ def test_a_motor_may_be_a_controller():
     np.testing.assert_allclose(pushing.rotation(u), -0.4 / 6 / 0.6 * t**3, rtol=0, atol=1e-8)
 
 
-@eig3.jit
-def only_angle(t, theta, rate):
-    return theta
-
-
-@eig3.jit
-def twofold(t, angle, rate):
-    return angle, rate
+only_angle = eig3.jit(lambda t, theta, rate: theta)
+twofold = eig3.jit(lambda t, angle, rate: (angle, rate))
 
 
 def test_wrong_joints_are_refused():

@@ -15,15 +15,7 @@ from eig3.kernels.loops.formulas import formulas
 from eig3.kernels.protocol import VECTOR
 from eig3.stability import amplification_matrix
 
-from .conftest import (
-    ALL_METHODS,
-    WITHOUT_VELOCITY,
-    coupled,
-    hardening,
-    hardening_chain,
-    oscillator,
-    oscillator_vector,
-)
+from .conftest import ALL_METHODS, WITHOUT_VELOCITY, coupled, hardening, hardening_chain, oscillator, oscillator_vector
 
 #: One with a row of the past, one whose steps can fail, one of several evaluations, and one with starting steps. The
 #: inline kernels of the other methods are the same loops with other formulas, which pointer mode tests.
@@ -178,11 +170,7 @@ def test_inline_mode_equals_pointer_mode(method):
     ("methods", "inline"), [(ALL_METHODS + WITHOUT_VELOCITY, False), (OF_EACH_KIND, True)], ids=["pointer", "inline"]
 )
 @settings(deadline=None, max_examples=25)
-@given(
-    data=st.data(),
-    chunks=st.lists(st.integers(0, 40), min_size=1, max_size=6),
-    every=st.integers(1, 30),
-)
+@given(data=st.data(), chunks=st.lists(st.integers(0, 40), min_size=1, max_size=6), every=st.integers(1, 30))
 def test_chunked_runs_agree_bit_for_bit(methods, data, chunks, every, inline):
     method = data.draw(st.sampled_from(methods))
     scalar, vector = (hardening, hardening_chain) if method.ignores_velocity else (oscillator, coupled)

@@ -155,18 +155,9 @@ def test_other_codes_have_names_for_what_is_there():
     """No row of the table is left over when a name changes."""
     records = [x for x in vars(effects).values() if inspect.isclass(x) and dataclasses.is_dataclass(x)]
     functions = [
-        eig3.integrate,
-        eig3.ensemble,
-        eig3.plan,
-        eig3.fit,
-        eig3.Problem.integrate,
-        Scene.add,
-        Scene.mass,
-        Scene.body,
-        Scene.add_mesh,
-        RigidBody.friction,
-        eig3.Langevin,
-    ]
+        eig3.integrate, eig3.ensemble, eig3.plan, eig3.fit, eig3.Problem.integrate, Scene.add, Scene.mass,
+        Scene.body, Scene.add_mesh, RigidBody.friction, eig3.Langevin
+    ]  # fmt: skip
     known = {field.name for record in records for field in dataclasses.fields(record)}
     known |= {name for function in functions for name in inspect.signature(function).parameters}
     assert _ELSEWHERE.keys() <= known

@@ -12,10 +12,7 @@ MEMBERS = 0, 7, 39
 K = np.linspace(0.5, 4, 40)[:, None]
 STEPS = {"one step": 0.01, "steps": np.linspace(0.008, 0.012, 40)}
 
-
-@eig3.jit
-def spring(t, u, v, p):
-    return -p[0] * u - 0.1 * v
+spring = eig3.jit(lambda t, u, v, p: -p[0] * u - 0.1 * v)
 
 
 @eig3.jit
@@ -24,24 +21,10 @@ def two_springs(t, u, v, p, a):
     a[1] = -2 * u[1] - 0.1 * v[1]
 
 
-@eig3.jit
-def wall(t, u, v, p):
-    return u - 0.3
-
-
-@eig3.jit
-def rebound(t, u, v, p):
-    return u, -0.8 * v
-
-
-@eig3.jit
-def speed(t, u, v, p):
-    return v - 0.7
-
-
-@eig3.jit
-def first(t, u, v, p):
-    return u[0] - 0.3
+wall = eig3.jit(lambda t, u, v, p: u - 0.3)
+rebound = eig3.jit(lambda t, u, v, p: (u, -0.8 * v))
+speed = eig3.jit(lambda t, u, v, p: v - 0.7)
+first = eig3.jit(lambda t, u, v, p: u[0] - 0.3)
 
 
 @eig3.jit
@@ -93,9 +76,7 @@ def test_events_of_one_degree_of_freedom(method, events, h):
     )
 
 
-@eig3.jit
-def pushed_later(t, u, v, p):
-    return (10.0 if 0.5 < t < 0.6 else 0.0) - p[0] * u - 0.1 * v
+pushed_later = eig3.jit(lambda t, u, v, p: (10.0 if 0.5 < t < 0.6 else 0.0) - p[0] * u - 0.1 * v)
 
 
 def test_a_function_that_stays_at_its_zero_is_looked_at_when_it_leaves_it():
@@ -153,11 +134,7 @@ def test_links_of_members_with_the_same_parameters():
 
 def test_a_full_log_is_emptied():
     """There is one occurrence in each step, so that the log of the block is full after some steps."""
-
-    @eig3.jit
-    def often(t, u, v, p):
-        return np.sin(np.pi * t / 0.01 + 0.5)
-
+    often = eig3.jit(lambda t, u, v, p: np.sin(np.pi * t / 0.01 + 0.5))
     members = eig3.ensemble(
         spring, (0, 10), 1.0, 0.0, h=0.01, params=K, events={"often": eig3.Event(often)}, save_every=None
     )

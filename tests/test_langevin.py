@@ -20,15 +20,8 @@ from .conftest import harmonic, harmonic_vector, position
 
 WARM = eig3.Langevin(gamma=1.0, temperature=0.5, mass=2.0, seed=3)
 
-
-@eig3.jit
-def quartic(t, u, v, p):
-    return -u * u * u
-
-
-@eig3.jit
-def pendulum(t, u, v, p):
-    return -eig3.math.sin(u)
+quartic = eig3.jit(lambda t, u, v, p: -u * u * u)
+pendulum = eig3.jit(lambda t, u, v, p: -eig3.math.sin(u))
 
 
 def normal(seed, stream, step, degree):
@@ -200,9 +193,7 @@ def test_a_member_runs_alone_with_its_stream():
         np.testing.assert_array_equal(one.u, whole.u[i : i + 1])
 
 
-@eig3.jit
-def softening(t, u, v, p):
-    return u * u * u - u
+softening = eig3.jit(lambda t, u, v, p: u * u * u - u)
 
 
 def test_a_member_that_diverges_does_not_change_the_others():
@@ -357,9 +348,7 @@ def test_noise_is_for_coordinates_and_spins_only(tmp_path):
     assert problem.load(run.save(tmp_path / "run")).method == run.method
 
 
-@eig3.jit
-def damped(t, u, v, p):
-    return -u - 0.1 * v
+damped = eig3.jit(lambda t, u, v, p: -u - 0.1 * v)
 
 
 def test_a_force_that_reads_the_velocity_is_refused():

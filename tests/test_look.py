@@ -51,10 +51,7 @@ from .conftest import falling, first_position, hardening, hardening_chain, harmo
 
 PARAMS = np.array([3.0, 0.1, 2.0])
 
-
-@eig3.jit
-def energy(t, u, v, p):
-    return v * v / 2 + p[0] * (u * u / 2 + u**4 / 4)
+energy = eig3.jit(lambda t, u, v, p: v * v / 2 + p[0] * (u * u / 2 + u**4 / 4))
 
 
 @eig3.jit
@@ -62,9 +59,7 @@ def both(t, u, v, p, out):
     out[0], out[1] = u, t * v
 
 
-@eig3.jit
-def middle(t, u, v, p):
-    return u[1] * v[2]
+middle = eig3.jit(lambda t, u, v, p: u[1] * v[2])
 
 
 @eig3.jit
@@ -82,9 +77,7 @@ def half_written(t, u, v, p, out):
     out[0] = u
 
 
-@eig3.jit
-def bounce(t, u, v, p):
-    return u, -p[1] * v
+bounce = eig3.jit(lambda t, u, v, p: (u, -p[1] * v))
 
 
 @eig3.jit
@@ -92,9 +85,7 @@ def turn(t, u, v, p):
     v[0] = -v[0]
 
 
-@eig3.jit
-def product(t, u, v, p):
-    return u * v
+product = eig3.jit(lambda t, u, v, p: u * v)
 
 
 @eig3.jit
@@ -464,9 +455,7 @@ def test_a_failed_solve_ends_both_kernels():
     assert ended[0][1] == ended[0][2] < 100
 
 
-@eig3.jit
-def hardening_and_friction(t, u, v, p):
-    return -u - v * np.exp(v * v)
+hardening_and_friction = eig3.jit(lambda t, u, v, p: -u - v * np.exp(v * v))
 
 
 def test_extremes_within_steps_of_variable_length():
@@ -512,6 +501,4 @@ def test_vector_form_with_variable_steps():
     np.testing.assert_array_equal(run.saved[0][: run.row, 0], run.u[: run.row, 0])
 
 
-@eig3.jit
-def product_of_pair(t, u, v, p):
-    return u[0] * u[2]
+product_of_pair = eig3.jit(lambda t, u, v, p: u[0] * u[2])

@@ -17,14 +17,9 @@ OVERFLOW = math.log(np.finfo(float).max)
 UNDERFLOW = -1074.9 * math.log(2)  # the smallest subnormal number is 2^-1074
 NAMES = [name for name in compiled.__all__ if name not in ("sincos", "interp")]
 EXACT = {
-    "sin": libmp.mpf_sin,
-    "cos": libmp.mpf_cos,
-    "exp": libmp.mpf_exp,
-    "log": libmp.mpf_log,
-    "tanh": libmp.mpf_tanh,
-    "sqrt": libmp.mpf_sqrt,
-    "erfc": libmp.mpf_erfc,
-}
+    "sin": libmp.mpf_sin, "cos": libmp.mpf_cos, "exp": libmp.mpf_exp, "log": libmp.mpf_log,
+    "tanh": libmp.mpf_tanh, "sqrt": libmp.mpf_sqrt, "erfc": libmp.mpf_erfc
+}  # fmt: skip
 #: Largest errors in ulp. They are those that the docstrings promise.
 BOUNDS = {"sin": 2, "cos": 2, "exp": 1, "log": 1, "tanh": 1, "sqrt": 0.5 + 1e-5, "erfc": 6}
 PRECISION = 70  # bits of the exact values: 53 of the nearest double, and 17 beyond, so that an ulp is known to 1e-5
@@ -32,18 +27,15 @@ PRECISION = 70  # bits of the exact values: 53 of the nearest double, and 17 bey
 random = np.random.default_rng(14)
 
 
-def loop_over(function):
+def values(name, x):
+    function, out = getattr(compiled, name), np.empty(x.size)
+
     @eig3.jit
     def loop(x, out):
         for i in range(x.size):
             out[i] = function(x[i])
 
-    return loop
-
-
-def values(name, x):
-    out = np.empty(x.size)
-    loop_over(getattr(compiled, name))(x, out)
+    loop(x, out)
     return out
 
 
@@ -314,9 +306,7 @@ def test_interpolation_is_as_in_numpy(xp):
     assert math.isnan(compiled.interp(math.nan, xp, fp))
 
 
-@eig3.jit
-def wheel(t, u, v, p):
-    return p.k * (compiled.interp(p.speed * t, p.x, p.road) - u)
+wheel = eig3.jit(lambda t, u, v, p: p.k * (compiled.interp(p.speed * t, p.x, p.road) - u))
 
 
 def test_members_of_an_ensemble_read_a_table():

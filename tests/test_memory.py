@@ -215,9 +215,7 @@ def test_bouc_wen_dissipates_and_is_bounded(force, omega, hardening, sharpness, 
     assert (np.diff(at_zeros) > -0.05 * 40.0 * y * y).all()
 
 
-@eig3.jit
-def stretch_of_link(t, u, v, z, p):
-    return z[0] - 1e-9
+stretch_of_link = eig3.jit(lambda t, u, v, z, p: z[0] - 1e-9)
 
 
 def _between(force, x):
@@ -437,15 +435,8 @@ class Burgers(Link):
     stiffness: float
     time: float
 
-    @staticmethod
-    @eig3.jit
-    def tension(r, state, stiffness):
-        return stiffness * (r - state)
-
-    @staticmethod
-    @eig3.jit
-    def state_rate(r, state, time):
-        return (r - state) / time
+    tension = eig3.jit(lambda r, state, stiffness: stiffness * (r - state))
+    state_rate = eig3.jit(lambda r, state, time: (r - state) / time)
 
 
 def test_a_law_of_ones_own_takes_one_class():

@@ -146,10 +146,7 @@ class Bonding(Link):
     cutoff_field = "reach"
     mixed = {"strength": "geometric", "length": "arithmetic", "sign": "product"}  # noqa: RUF012
 
-    @staticmethod
-    @eig3.jit
-    def tension(r, strength, length, sign):
-        return sign * strength * (r - 3.0) * (r - length)
+    tension = eig3.jit(lambda r, strength, length, sign: sign * strength * (r - 3.0) * (r - length))
 
 
 def by_hand(x, pairs, of_pair):

@@ -110,9 +110,7 @@ CHAIN = """<mujoco><compiler angle="radian"/><option integrator="RK4"><flag cont
   <motor name="idle" joint="lift" forcerange="-1 1"/></actuator></mujoco>"""
 
 
-@eig3.jit
-def controller(t, q, rate):
-    return 0.4 * np.sin(20 * t) - 5.0 * q - 0.1 * rate
+controller = eig3.jit(lambda t, q, rate: 0.4 * np.sin(20 * t) - 5.0 * q - 0.1 * rate)
 
 
 @pytest.mark.system

@@ -14,7 +14,7 @@ import eig3
 from eig3.functions.layout import Layout
 from eig3.kernels.compile.numba_internals import compile_results
 
-from .conftest import position
+from .conftest import assert_same, position
 
 H = {"h": 0.01}
 RTOL = {"rtol": 1e-8, "method": "rk5"}
@@ -33,19 +33,9 @@ def spring(t, u, v, p):
     return -p.k * u**p.power - p.c * v
 
 
-@eig3.jit
-def spring_of_array(t, u, v, p):
-    return -p[0] * u ** int(p[2]) - p[1] * v
-
-
-@eig3.jit
-def pull_of_array(t, u, v, p):
-    return -p[0] * u
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return v * v / 2 + p.k * u * u / 2
+spring_of_array = eig3.jit(lambda t, u, v, p: -p[0] * u ** int(p[2]) - p[1] * v)
+pull_of_array = eig3.jit(lambda t, u, v, p: -p[0] * u)
+energy = eig3.jit(lambda t, u, v, p: v * v / 2 + p.k * u * u / 2)
 
 
 @eig3.jit
@@ -53,9 +43,7 @@ def force(t, u, v, p, out):
     out[0], out[1] = p.k * u, p.c * v
 
 
-@eig3.jit
-def bounce(t, u, v, p):
-    return u, -p.c * v
+bounce = eig3.jit(lambda t, u, v, p: (u, -p.c * v))
 
 
 @eig3.jit
@@ -90,8 +78,7 @@ def test_a_run_has_the_bits_of_one_with_an_array(options):
     array = eig3.integrate(spring_of_array, (0, 3), 1.0, 0.0, params=[4.0, 0.1, 1], **options)
     for params in (values, Spring(**values), eig3.Parameters(values)):
         named = eig3.integrate(spring, (0, 3), 1.0, 0.0, params=params, **options)
-        for name in "tua":
-            np.testing.assert_array_equal(getattr(named, name), getattr(array, name))
+        assert_same(named, array, "tua")
 
 
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
@@ -129,11 +116,7 @@ def test_sizes_are_read_and_not_compiled():
 
 def test_what_the_force_reads_is_known():
     """So "cd" stays explicit, and the default for tolerances is the method for forces without velocity."""
-
-    @eig3.jit
-    def undamped(t, u, v, p):
-        return -p.k * u
-
+    undamped = eig3.jit(lambda t, u, v, p: -p.k * u)
     p = {"k": 4.0}
     assert eig3.integrate(undamped, (0, 1), 1.0, 0.0, params=p, rtol=1e-9).method == eig3.RKN12()
     problem = eig3.Problem("spring", undamped, 1.0, 0.0, p, (0.0, 1.0))
@@ -189,11 +172,7 @@ def test_integers_survive_a_file(tmp_path):
 def test_functions_take_the_parameters_of_a_problem_in_calls_from_python():
     """The function of the user gets the tuple, and the function of the problem the array."""
     matrix = scipy.sparse.csr_array(np.array([[2.0, -1.0], [-1.0, 2.0]]))
-
-    @eig3.jit
-    def pull(t, u, v, p):
-        return -p.k * u - p.matrix.data[0]
-
+    pull = eig3.jit(lambda t, u, v, p: -p.k * u - p.matrix.data[0])
     problem = eig3.Problem("pull", pull, 1.0, 0.0, {"k": 3.0, "matrix": matrix}, (0, 1))
     assert pull(0.0, 0.5, 0.0, problem.params) == problem.rhs(0.0, 0.5, 0.0, problem.params) == -3.5
 
@@ -230,10 +209,7 @@ def test_a_controller_changes_the_parameters_of_a_stepper(method):
 
 
 def test_a_jacobian_has_the_names():
-    @eig3.jit
-    def derivative(t, u, v, p):
-        return -p.c
-
+    derivative = eig3.jit(lambda t, u, v, p: -p.c)
     method = eig3.CentralDifference(solver="newton", jacobian=derivative)
     run = eig3.integrate(spring, (0, 3), 1.0, 0.0, params=Spring(4.0, 0.1, 1), method=method, **H)
     plain = eig3.CentralDifference(solver="newton")
@@ -244,10 +220,7 @@ def test_a_jacobian_has_the_names():
 
 # Ensembles ------------------------------------------------------------------------------------------------------------
 
-
-@eig3.jit
-def switched(t, u, v, p):
-    return -p.k * u - p.is_damped * p.c * v
+switched = eig3.jit(lambda t, u, v, p: -p.k * u - p.is_damped * p.c * v)
 
 
 def test_members_have_values_of_their_own():
@@ -320,11 +293,7 @@ def test_an_array_as_long_as_there_are_members_must_have_one_meaning():
         r"^params has an array k of the length 3 for 3 members, and rhs can also take it as a whole: write "
         r"k\[:, None\] for one value a member, or np\.array\(\[k\] \* 3\) for this array in all members\.$"
     )
-    for rhs, params in (
-        (whole_array, {"k": k}),
-        (springs, {"k": k, "c": 0.1}),
-        (springs, {"k": k, "c": 0 * k}),
-    ):
+    for rhs, params in ((whole_array, {"k": k}), (springs, {"k": k, "c": 0.1}), (springs, {"k": k, "c": 0 * k})):
         with pytest.raises(ValueError, match=message):
             ends(rhs, params)
     np.testing.assert_allclose(ends(whole_array, {"k": k[:, None]}), each[1:], rtol=0, atol=1e-12)
@@ -601,6 +570,4 @@ def test_a_table_with_a_name_that_the_problem_does_not_have():
         make_problem().with_(events={}).ensemble(params=FRAME.rename(columns={"k": "kk"}), **H)
 
 
-@eig3.jit
-def first_of_array(t, u, v, p):
-    return -p.a[0] * u
+first_of_array = eig3.jit(lambda t, u, v, p: -p.a[0] * u)

@@ -17,7 +17,7 @@ from eig3 import effects
 from eig3.kernels import neighbours
 from eig3.scene import Scene, pair_force
 
-from .test_extend import assert_same
+from .conftest import assert_same
 
 
 def acceleration(problem, u=None, v=None, params=None, t=0.0, rhs=None):
@@ -266,9 +266,7 @@ def test_runs_do_not_depend_on_the_list(monkeypatch, tmp_path):
         np.testing.assert_array_equal(gas().problem((0.0, 2.0)).integrate(h=1e-3).u, run.u)
 
 
-@eig3.jit
-def first_at_zero(t, u, v, p):
-    return v[0]
+first_at_zero = eig3.jit(lambda t, u, v, p: v[0])
 
 
 def test_a_run_is_that_with_all_pairs():
@@ -504,10 +502,7 @@ class Sticky(effects.Link):
 
     pull: float
 
-    @staticmethod
-    @eig3.jit
-    def tension(r, pull):
-        return pull
+    tension = eig3.jit(lambda r, pull: pull)
 
 
 @pytest.mark.parametrize(

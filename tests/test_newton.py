@@ -69,19 +69,12 @@ def drag_jacobian(t, u, v, p, J):
             J[i, i] -= p[0] * speed
 
 
-@eig3.jit
-def cubic(t, u, v, p):
-    return -u - p[0] * v * v * v
-
-
-@eig3.jit
-def cubic_jacobian(t, u, v, p):
-    return -3 * p[0] * v * v
+cubic = eig3.jit(lambda t, u, v, p: -u - p[0] * v * v * v)
+cubic_jacobian = eig3.jit(lambda t, u, v, p: -3 * p[0] * v * v)
 
 
 @pytest.mark.parametrize(
-    ("rhs", "jacobian", "u0", "v0"),
-    [(drag, drag_jacobian, [1.0, 0.0], [0.0, 1.0]), (cubic, cubic_jacobian, 1.0, 2.0)],
+    ("rhs", "jacobian", "u0", "v0"), [(drag, drag_jacobian, [1.0, 0.0], [0.0, 1.0]), (cubic, cubic_jacobian, 1.0, 2.0)]
 )
 def test_jacobian_gives_the_same_run_for_fewer_evaluations(rhs, jacobian, u0, v0):
     runs = [
@@ -102,10 +95,8 @@ def test_newton_holds_where_fixed_point_fails():
     assert fixed_point.status is not eig3.Status.COMPLETED
 
 
-@eig3.jit
-def rough(t, u, v, p):
-    """No root for Newton past t = 1: the sign of the residual's slope flips at every iterate."""
-    return 0.0 if t < 1 else 1e6 * np.sin(1e9 * v)
+#: No root for Newton past t = 1: the sign of the residual's slope flips at every iterate.
+rough = eig3.jit(lambda t, u, v, p: 0.0 if t < 1 else 1e6 * np.sin(1e9 * v))
 
 
 def test_not_converged_reports_time_and_residual():
@@ -183,9 +174,7 @@ def test_ldu_of_a_matrix_that_is_not_finite_ends(bad):
             assert not solve(matrix, b) or not np.isfinite(b).all() or np.isinf(bad)
 
 
-@eig3.jit
-def loaded(t, u, v, p):
-    return -p[1] * v - p[0] * u + p[2]
+loaded = eig3.jit(lambda t, u, v, p: -p[1] * v - p[0] * u + p[2])
 
 
 @eig3.jit
@@ -212,9 +201,7 @@ def test_limit_of_fixed_point_is_where_it_converges():
     assert limit(method, 1.0) == pytest.approx(1, abs=0.01)
 
 
-@eig3.jit
-def far_away(t, u, v, p):
-    return -p[0] * (u - p[2]) - p[1] * v
+far_away = eig3.jit(lambda t, u, v, p: -p[0] * (u - p[2]) - p[1] * v)
 
 
 def test_a_large_position_does_not_loosen_the_solve():

@@ -17,14 +17,8 @@ def spring(t, u, v, p):
     return -p.k * u - p.c * v
 
 
-@eig3.jit
-def explosion(t, u, v, p):
-    return u**3
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return 0.5 * v**2 + 0.5 * p[0] * u**2
+explosion = eig3.jit(lambda t, u, v, p: u**3)
+energy = eig3.jit(lambda t, u, v, p: 0.5 * v**2 + 0.5 * p[0] * u**2)
 
 
 class Cells(HTMLParser):

@@ -351,10 +351,7 @@ def test_patches_can_be_left_out(monkeypatch):
 
 @pytest.mark.skipif(find_spec("scipy") is None, reason="Numba compiles products of matrices with SciPy only")
 def test_products_of_matrices_compile_without_the_early_import_of_scipy():
-    @numba.njit
-    def product(a, b):
-        return np.dot(a, b)
-
+    product = numba.njit(lambda a, b: np.dot(a, b))
     with probe("Numba needs `ensure_blas` of numba.np.linalg before it compiles `np.dot`"):
         internals.compile_for(product, (float64[:, ::1], float64[::1]))
     assert product(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([5.0, 6.0])).tolist() == [17.0, 39.0]
@@ -418,14 +415,12 @@ def test_compilations_are_counted():
 
 
 def test_parts_of_an_array():
-    @intrinsic
-    def parts(typingctx, array):
-        def codegen(context, builder, signature, args):
-            data, shape, strides = internals.parts_of(context, builder, signature.args[0], args[0])
-            address = builder.ptrtoint(data, context.get_value_type(intp))
-            return context.make_tuple(builder, signature.return_type, [address, *shape, *strides])
+    def codegen(context, builder, signature, args):
+        data, shape, strides = internals.parts_of(context, builder, signature.args[0], args[0])
+        address = builder.ptrtoint(data, context.get_value_type(intp))
+        return context.make_tuple(builder, signature.return_type, [address, *shape, *strides])
 
-        return UniTuple(intp, 5)(array), codegen
+    parts = intrinsic(lambda typingctx, array: (UniTuple(intp, 5)(array), codegen))
 
     with probe("numba.np.arrayobj.make_array gives no struct with `data`, `shape` and `strides`"):
         x = np.zeros((4, 6))[::2, ::3]
@@ -434,14 +429,12 @@ def test_parts_of_an_array():
 
 
 def test_an_array_over_memory():
-    @intrinsic
-    def every_other(typingctx, array):
-        def codegen(context, builder, signature, args):
-            data = internals.parts_of(context, builder, signature.args[0], args[0]).data
-            n, stride = (context.get_constant(intp, value) for value in (3, 16))
-            return internals.array_over(context, builder, STRIDED, data, n, stride)
+    def codegen(context, builder, signature, args):
+        data = internals.parts_of(context, builder, signature.args[0], args[0]).data
+        n, stride = (context.get_constant(intp, value) for value in (3, 16))
+        return internals.array_over(context, builder, STRIDED, data, n, stride)
 
-        return STRIDED(array), codegen
+    every_other = intrinsic(lambda typingctx, array: (STRIDED(array), codegen))
 
     @numba.njit(**internals.WITHOUT_RUNTIME)
     def summed(x):
@@ -485,40 +478,34 @@ def test_a_flat_array():
 
 
 def test_floats_on_the_stack():
-    @intrinsic
-    def swapped(typingctx, x, y):
-        def codegen(context, builder, signature, args):
-            data = internals.floats_on_stack(builder, 2)
-            places = [builder.gep(data, [context.get_constant(intp, j)]) for j in range(2)]
-            for place, value in zip(places, args, strict=True):
-                builder.store(value, place)
-            return context.make_tuple(builder, signature.return_type, [builder.load(place) for place in places[::-1]])
+    def codegen(context, builder, signature, args):
+        data = internals.floats_on_stack(builder, 2)
+        places = [builder.gep(data, [context.get_constant(intp, j)]) for j in range(2)]
+        for place, value in zip(places, args, strict=True):
+            builder.store(value, place)
+        return context.make_tuple(builder, signature.return_type, [builder.load(place) for place in places[::-1]])
 
-        return UniTuple(float64, 2)(x, y), codegen
+    swapped = intrinsic(lambda typingctx, x, y: (UniTuple(float64, 2)(x, y), codegen))
 
     with probe("llvmlite's builder does not reserve memory on the stack by goto_entry_block and alloca"):
         assert numba.njit(lambda x, y: swapped(x, y))(1.0, 2.0) == (2.0, 1.0)
 
 
 def test_a_copy_on_the_stack():
-    @intrinsic
-    def copied(typingctx, x):
-        def codegen(context, builder, signature, args):
-            return builder.load(internals.copy_on_stack(builder, args[0]))
+    def codegen(context, builder, signature, args):
+        return builder.load(internals.copy_on_stack(builder, args[0]))
 
-        return float64(x), codegen
+    copied = intrinsic(lambda typingctx, x: (float64(x), codegen))
 
     with probe("numba.core.cgutils.alloca_once_value does not copy a value onto the stack"):
         assert numba.njit(lambda x: copied(x))(1.5) == 1.5
 
 
 def test_a_symbol_stands_for_an_address():
-    @intrinsic
-    def address(typingctx):
-        def codegen(context, builder, signature, args):
-            return internals.address_of_symbol(context, builder, "a_symbol_of_this_test")
+    def codegen(context, builder, signature, args):
+        return internals.address_of_symbol(context, builder, "a_symbol_of_this_test")
 
-        return int64(), codegen
+    address = intrinsic(lambda typingctx: (int64(), codegen))
 
     with probe("llvmlite.binding.add_symbol does not define a symbol for compiled code"):
         internals.define_symbol("a_symbol_of_this_test", 4711)
@@ -526,12 +513,10 @@ def test_a_symbol_stands_for_an_address():
 
 
 def test_entries_of_a_tuple():
-    @intrinsic
-    def last(typingctx, values):
-        def codegen(context, builder, signature, args):
-            return internals.entries_of(builder, args[0], len(values))[-1]
+    def codegen(context, builder, signature, args):
+        return internals.entries_of(builder, args[0], 3)[-1]
 
-        return float64(values), codegen
+    last = intrinsic(lambda typingctx, values: (float64(values), codegen))
 
     with probe("numba.core.cgutils.unpack_tuple does not give the entries of a tuple"):
         assert numba.njit(lambda x: last((x, 2 * x, 3 * x)))(1.0) == 3.0
@@ -595,14 +580,12 @@ def test_the_numbers_of_functions_begin_at_random():
 
 
 def test_cells():
-    @intrinsic
-    def cell(typingctx, value):
-        def codegen(context, builder, signature, args):
-            begin = internals.floats_on_stack(builder, 1)
-            builder.store(args[0], begin)
-            return begin
+    def codegen(context, builder, signature, args):
+        begin = internals.floats_on_stack(builder, 1)
+        builder.store(args[0], begin)
+        return begin
 
-        return internals.FloatPointer()(value), codegen
+    cell = intrinsic(lambda typingctx, value: (internals.FloatPointer()(value), codegen))
 
     def changed(value):
         row = cell(value)
@@ -628,15 +611,13 @@ class Outer(NamedTuple):
 def test_located_records():
     """The fields of a record at an address are read when they are named; a field that is a record is located too."""
 
-    @intrinsic
-    def located(typingctx, memory, record):
-        def codegen(context, builder, signature, args):
-            data = internals.parts_of(context, builder, signature.args[0], args[0]).data
-            place = builder.bitcast(data, args[1].type.as_pointer())
-            builder.store(args[1], place)
-            return place
+    def codegen(context, builder, signature, args):
+        data = internals.parts_of(context, builder, signature.args[0], args[0]).data
+        place = builder.bitcast(data, args[1].type.as_pointer())
+        builder.store(args[1], place)
+        return place
 
-        return internals.Located(record)(memory, record), codegen
+    located = intrinsic(lambda typingctx, memory, record: (internals.Located(record)(memory, record), codegen))
 
     def read(memory, record):
         at = located(memory, record)
@@ -650,19 +631,16 @@ def test_located_records():
 def test_rows():
     """The address and the number of floats are indexed as an array is, and given to a function that takes an array."""
 
-    @intrinsic
-    def row_of(typingctx, array):
-        def codegen(context, builder, signature, args):
-            parts = internals.parts_of(context, builder, signature.args[0], args[0])
-            row = internals.row_over(context, builder, parts.data, parts.shape[0])
-            data, n = internals.parts_of_row(builder, row)
-            return internals.row_over(context, builder, data, builder.sub(n, context.get_constant(intp, 1)))
+    def codegen(context, builder, signature, args):
+        parts = internals.parts_of(context, builder, signature.args[0], args[0])
+        row = internals.row_over(context, builder, parts.data, parts.shape[0])
+        data, n = internals.parts_of_row(builder, row)
+        return internals.row_over(context, builder, data, builder.sub(n, context.get_constant(intp, 1)))
 
-        return internals.Row()(array), codegen
+    row_of = intrinsic(lambda typingctx, array: (internals.Row()(array), codegen))
 
-    vector = numba.types.Array(float64, 1, "C")
-    result = result_of(numba.njit(lambda x: x.sum() + 10.0 * x.size), vector)
-    total_at = at_an_address(internals.CompiledFunction(float64(vector)))
+    result = result_of(numba.njit(lambda x: x.sum() + 10.0 * x.size), VECTOR)
+    total_at = at_an_address(internals.CompiledFunction(float64(VECTOR)))
 
     def changed(array, address, j):
         row = row_of(array)
@@ -680,16 +658,13 @@ def test_rows():
 def test_strips():
     """The address of neighbouring floats is indexed as an array is, and given to a function that takes an array."""
 
-    @intrinsic
-    def strip(typingctx, array):
-        def codegen(context, builder, signature, args):
-            return internals.parts_of(context, builder, signature.args[0], args[0]).data
+    def codegen(context, builder, signature, args):
+        return internals.parts_of(context, builder, signature.args[0], args[0]).data
 
-        return internals.Strip(3)(array), codegen
+    strip = intrinsic(lambda typingctx, array: (internals.Strip(3)(array), codegen))
 
-    vector = numba.types.Array(float64, 1, "C")
-    result = result_of(numba.njit(lambda x: x.sum() + 10.0 * x.size), vector)
-    total_at = at_an_address(internals.CompiledFunction(float64(vector)))
+    result = result_of(numba.njit(lambda x: x.sum() + 10.0 * x.size), VECTOR)
+    total_at = at_an_address(internals.CompiledFunction(float64(VECTOR)))
 
     def changed(array, address):
         row = strip(array)
@@ -704,12 +679,10 @@ def test_strips():
 
 
 def test_a_strip_of_integers():
-    @intrinsic
-    def strip(typingctx, array):
-        def codegen(context, builder, signature, args):
-            return internals.parts_of(context, builder, signature.args[0], args[0]).data
+    def codegen(context, builder, signature, args):
+        return internals.parts_of(context, builder, signature.args[0], args[0]).data
 
-        return internals.Strip(None, numba.types.int32)(array), codegen
+    strip = intrinsic(lambda typingctx, array: (internals.Strip(None, numba.types.int32)(array), codegen))
 
     def changed(array):
         row = strip(array)
@@ -722,15 +695,13 @@ def test_a_strip_of_integers():
 
 
 def test_what_intrinsics_ask_the_target_context():
-    @intrinsic
-    def converted(typingctx, x):
-        def codegen(context, builder, signature, args):
-            context.get_dummy_value()
-            whole = context.cast(builder, args[0], x, int64)
-            bits = builder.bitcast(args[0], context.get_value_type(int64))
-            return context.make_tuple(builder, signature.return_type, [whole, bits, context.get_constant(intp, 7)])
+    def codegen(context, builder, signature, args):
+        context.get_dummy_value()
+        whole = context.cast(builder, args[0], float64, int64)
+        bits = builder.bitcast(args[0], context.get_value_type(int64))
+        return context.make_tuple(builder, signature.return_type, [whole, bits, context.get_constant(intp, 7)])
 
-        return UniTuple(int64, 3)(x), codegen
+    converted = intrinsic(lambda typingctx, x: (UniTuple(int64, 3)(x), codegen))
 
     with probe("Numba's target context has no get_constant, get_value_type, get_dummy_value, make_tuple or cast"):
         assert numba.njit(lambda x: converted(x))(1.5) == (1, np.float64(1.5).view(np.int64), 7)
@@ -803,11 +774,7 @@ def test_kept_code_calls_its_own_copies(memory):
     with probe("A code library does not compile the linkage that `_finalize_final_module` gives its functions"):
         assert copied == {"kept": False, "by Numba": True}
         assert kept(np.array([3.0, 1.0, 2.0])) == 2.0
-
-    @numba.njit
-    def caller(x):
-        return kept(x)
-
+    caller = numba.njit(lambda x: kept(x))
     with probe("A code library does not link what is in `_shared_module`"):
         assert caller(np.array([3.0, 1.0, 2.0])) == 2.0
 

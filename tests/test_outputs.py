@@ -20,14 +20,8 @@ def springs(t, u, v, p, a):
         a[j] = p[0] * (left - 2 * u[j]) - 0.1 * v[j]
 
 
-@eig3.jit
-def force(t, u, v, p):
-    return -p[0] * u + t
-
-
-@eig3.jit
-def stretch(t, u, v, p):
-    return u[1] - u[0] + 0.1 * v[1] * t
+force = eig3.jit(lambda t, u, v, p: -p[0] * u + t)
+stretch = eig3.jit(lambda t, u, v, p: u[1] - u[0] + 0.1 * v[1] * t)
 
 
 @eig3.jit
@@ -44,9 +38,7 @@ def reactions(t, u, v, p, out):
     out[u.size] = t * v[0]
 
 
-@eig3.jit
-def undefined_later(t, u, v, p):
-    return np.nan if 1.0 < t < 2.0 else u
+undefined_later = eig3.jit(lambda t, u, v, p: np.nan if 1.0 < t < 2.0 else u)
 
 
 @eig3.jit
@@ -69,9 +61,7 @@ def raises_later(t, u, v, p):
     return u
 
 
-@eig3.jit
-def quarter(t, u, v, p):
-    return u / 4
+quarter = eig3.jit(lambda t, u, v, p: u / 4)
 
 
 def swing(**options):
@@ -249,14 +239,8 @@ def test_outputs_of_parts_are_those_of_the_whole():
         np.testing.assert_array_equal(np.concatenate([extremes[row] for _, extremes in parts]), values)
 
 
-@eig3.jit
-def first_position(t, u, v, p):
-    return u[0] + 0.0 * u[u.size - 1]
-
-
-@eig3.jit
-def nine_tenths(t, u, v, p):
-    return t - 0.9
+first_position = eig3.jit(lambda t, u, v, p: u[0] + 0.0 * u[u.size - 1])
+nine_tenths = eig3.jit(lambda t, u, v, p: t - 0.9)
 
 
 @pytest.mark.parametrize("steps", [{"h": 0.3}, {"rtol": 1e-6, "method": "rk5"}])
@@ -300,9 +284,7 @@ def too_many_later(t, u, v, p, out):
         out[j] = u
 
 
-@eig3.jit
-def takes_three(t, u, v):
-    return u
+takes_three = eig3.jit(lambda t, u, v: u)
 
 
 @eig3.jit

@@ -2,9 +2,7 @@
 
 import base64
 import hashlib
-import os
 import re
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -53,18 +51,11 @@ def points(scale: float) -> list[Point]:
 
 def result(name: str, title: str, scale: float, uncertainty: float = 1e-13) -> WorkPrecisionSet:
     return WorkPrecisionSet(
-        name=name,
-        title=title,
-        description="A mass on a spring. It has one degree of freedom.",
-        metric="trajectory",
-        targets=TARGETS,
-        tolerances=True,
-        source="exact solution",
-        uncertainty=uncertainty,
-        points=points(scale),
-        skipped=["SciPy LSODA (not installed)"],
-        command=f"eig3 bench precision --problem {name}",
-    )
+        name=name, title=title, description="A mass on a spring. It has one degree of freedom.",
+        metric="trajectory", targets=TARGETS, tolerances=True, source="exact solution", uncertainty=uncertainty,
+        points=points(scale), skipped=["SciPy LSODA (not installed)"],
+        command=f"eig3 bench precision --problem {name}"
+    )  # fmt: skip
 
 
 RESULTS = [result("smooth", "smooth spring, ten periods", 1.0), result("rough", "<i>rough</i> spring", 1e-3, 1e-6)]
@@ -95,20 +86,6 @@ def page(tmp_path_factory) -> str:
     path = tmp_path_factory.mktemp("page") / "report.html"
     path.write_text(html(record(RESULTS)))
     return path.as_uri()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator:
-    from playwright.sync_api import sync_playwright
-
-    names = ("chromium", "chromium-browser", "google-chrome", "chrome")
-    path = os.environ.get("CHROME") or next((found for name in names if (found := shutil.which(name))), None)
-    if path is None:
-        pytest.skip("There is no Chromium here: install it, or give its path in the environment variable CHROME.")
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
-        yield started
-        started.close()
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 
 import eig3
 
-from .conftest import oscillator, position, rebound, spring, velocity
+from .conftest import assert_same, oscillator, position, rebound, spring, velocity
 from .test_prepare import energy
 
 P = np.array([3.0, 0.05])
@@ -15,11 +15,7 @@ SPAN = 0.0, 2.0
 WANTED = np.linspace(0.0, 2.0, 9)
 STEPS = {"h": {"h": 2.0**-7, "method": "rk4"}, "rtol": {"rtol": 1e-6, "method": "rk5"}}
 
-
-@eig3.jit
-def late(t, u, v, p):
-    return t - 1.75
-
+late = eig3.jit(lambda t, u, v, p: t - 1.75)
 
 #: The events by the option that asks for them: one that only looks, one that resets the state, one that ends the run.
 EVENTS = {"events": eig3.Event(velocity), "apply": eig3.Event(position, -1, apply=rebound)}
@@ -62,24 +58,6 @@ def whole(names, steps):
     """The run with the same motion in which everything is followed, and every step saved."""
     kept = [name for name in names if name in ("apply", "terminal", "t_eval", "invariants_every")]
     return integrate([*kept, "events", "outputs", "invariants"], steps)
-
-
-def assert_same(one, other):
-    for name in ("t", "u", "v"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    assert (one.status, one.n_steps, one.drift, one.message) == (
-        other.status,
-        other.n_steps,
-        other.drift,
-        other.message,
-    )
-    for name, values in one.outputs.items():
-        np.testing.assert_array_equal(values, other.outputs[name])
-    for name, extremes in one.extremes.items():
-        assert extremes == other.extremes[name]
-    for name, found in one.events.items():
-        for field in ("t", "u", "v", "u_after", "v_after"):
-            np.testing.assert_array_equal(getattr(found, field), getattr(other.events[name], field))
 
 
 @pytest.mark.parametrize("steps", STEPS)

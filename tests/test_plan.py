@@ -391,9 +391,7 @@ def falling_cloth():
     return problems.curtain(n=6, t_end=1.0)
 
 
-@eig3.jit
-def running_away(t, u, v, p):
-    return u * u
+running_away = eig3.jit(lambda t, u, v, p: u * u)
 
 
 @pytest.mark.parametrize(
@@ -504,10 +502,7 @@ def test_what_rules_a_method_out(method, other, expected):
 
 # Kinds of motions ----------------------------------------------------------------------------------------------------
 
-
-@eig3.jit
-def stiffer_one_way(t, u, v, p):
-    return -u if u < 0 else -2.0 * u
+stiffer_one_way = eig3.jit(lambda t, u, v, p: -u if u < 0 else -2.0 * u)
 
 
 @pytest.mark.parametrize(
@@ -528,12 +523,8 @@ def test_a_plan_knows_the_kind_of_the_motion(problem, kind):
 def test_few_methods_are_compiled():
     """A method takes about a second to compile; the reference method is one of the four."""
     plan = eig3.plan(problems.single_dof(), 1e-6)
-    assert {p.method.name for p in plan.predictions if "usually slower" not in p.note} == {
-        "rk8",
-        "rkn12",
-        "bm6",
-        "eig12",
-    }
+    usual = {p.method.name for p in plan.predictions if "usually slower" not in p.note}
+    assert usual == {"rk8", "rkn12", "bm6", "eig12"}
 
 
 @pytest.mark.parametrize("e", [0.0, 0.3, 0.6])

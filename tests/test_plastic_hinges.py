@@ -6,15 +6,10 @@ from scipy.integrate import simpson
 
 import eig3
 from eig3 import problems
-from eig3.effects import (
-    ElasticPlastic,
-    FrictionPendulum,
-    GiuffreMenegottoPinto,
-    LinearSpring,
-)
+from eig3.effects import ElasticPlastic, FrictionPendulum, GiuffreMenegottoPinto, LinearSpring
 from eig3.structures import Frame, Section, link_forces, link_stretches
 
-from .conftest import refusals
+from .conftest import assert_same, refusals
 
 STEEL = {"E": 2.1e11, "density": 7850.0}
 COLUMN, BEAM = Section(**STEEL, A=2.4e-2, I=8e-4), Section(**STEEL, A=1.2e-2, I=4.8e-4)
@@ -253,9 +248,7 @@ def test_hinges_are_looked_at_together_and_one_by_one_with_the_same_bits(monkeyp
     for one, other in zip(together, runs(), strict=True):
         assert (other._extend().stepper.system.event_table[:, 4] == 1).all()
         assert sum(len(found) for found in one.events.values()) > 20
-        np.testing.assert_array_equal(one.u, other.u)
-        for name, found in one.events.items():
-            np.testing.assert_array_equal(found.t, other.events[name].t)
+        assert_same(one, other)
 
 
 @pytest.mark.parametrize("corotational", [False, True])
@@ -276,9 +269,7 @@ def test_checked_hinges_have_order_2_and_the_error_of_smaller_steps(corotational
         return
     problem.integrate(h=h, t_end=0.25, save_to=tmp_path / "run")
     for run in (problem.load(tmp_path / "run").extend(0.5), problem.integrate(h=h, inline=True)):
-        np.testing.assert_array_equal(run.u, whole.u)
-        for name, values in whole.z.items():
-            np.testing.assert_array_equal(run.z[name], values)
+        assert_same(run, whole, ("u", "z"))
 
 
 def test_isolators_below_corotational_members():

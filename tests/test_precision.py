@@ -299,27 +299,10 @@ def test_fixed_steps_are_left_out_where_there_are_events():
 
 
 def test_tolerances_are_compared_with_each_package_and_with_fixed_steps():
-    swept = [
-        Point(
-            key,
-            key,
-            "" if key in rivals.RIVALS else "pointer",
-            1e-5,
-            None,
-            None,
-            True,
-            {"trajectory": 1e-10},
-            [seconds],
-        )
-        for key, seconds in [
-            ("rk8", 6.0),
-            ("rk5 tolerances", 3.0),
-            ("rk8 tolerances", 2.0),
-            ("scipy rk45", 40.0),
-            ("heyoka", 4.0),
-            ("scipy dop853", 20.0),
-        ]
-    ]
+    seconds = {"rk8": 6.0, "rk5 tolerances": 3.0, "rk8 tolerances": 2.0}
+    seconds |= {"scipy rk45": 40.0, "heyoka": 4.0, "scipy dop853": 20.0}
+    mode = {key: "" if key in rivals.RIVALS else "pointer" for key in seconds}
+    swept = [Point(x, x, mode[x], 1e-5, None, None, True, {"trajectory": 1e-10}, [seconds[x]]) for x in seconds]
     result = result_of(swept, targets=(1e-3, 1e-6, 1e-9), tolerances=True)
     rows = [line.split("|")[1:-1] for line in precision.render_tolerances(result, "trajectory").splitlines()]
     cells = {row[0].strip(): [cell.strip() for cell in row[1:]] for row in rows}

@@ -24,48 +24,23 @@ from eig3.problems.outer_solar_system import AU, YEAR
 
 from .conftest import made_up
 
-
-def free_duffing():
-    return problems.duffing(delta=0, gamma=0)
-
-
-def round_kepler():
-    """So far from the sun that random states near the start do not come close to it."""
-    return problems.kepler(e=0.2)
-
-
-def far_arenstorf():
-    """So far from the earth and the moon that random states near the start do not come close to them."""
-    return problems.arenstorf(x=2.5)
-
+free_duffing = functools.partial(problems.duffing, delta=0, gamma=0)
+#: So far from the sun, the earth and the moon that random states near the start do not come close to them.
+round_kepler, far_arenstorf = functools.partial(problems.kepler, e=0.2), functools.partial(problems.arenstorf, x=2.5)
 
 PROBLEMS = [problems.single_dof, problems.hardening_spring, problems.softening_spring, problems.spring_pendulum]
 CONSERVATIVE = [
-    *PROBLEMS,
-    problems.double_pendulum,
-    problems.henon_heiles,
-    problems.rotor,
-    free_duffing,
-    round_kepler,
-    problems.hertz_impact,
-    problems.two_frequency_oscillator,
-    far_arenstorf,
-    problems.figure_eight,
-]
+    *PROBLEMS, problems.double_pendulum, problems.henon_heiles, problems.rotor, free_duffing, round_kepler,
+    problems.hertz_impact, problems.two_frequency_oscillator, far_arenstorf, problems.figure_eight
+]  # fmt: skip
 SPANS = [  # the last omega h is 1e-3 at speeds of 1e3, and Hertz's span is its contact and a quarter
-    *((build, 1.0, 1e-4) for build in PROBLEMS),
-    (problems.double_pendulum, 1.0, 1e-4),
+    *((build, 1.0, 1e-4) for build in (*PROBLEMS, problems.double_pendulum, problems.rotor, problems.duffing)),
+    *((build, 1.0, 1e-4) for build in (free_duffing, problems.van_der_pol, problems.kepler)),
+    *((build, 1.0, 1e-4) for build in (problems.friction_oscillator, problems.figure_eight)),
     (problems.henon_heiles, 1.0, 1e-3),
-    (problems.rotor, 1.0, 1e-4),
-    (problems.duffing, 1.0, 1e-4),
-    (free_duffing, 1.0, 1e-4),
-    (problems.van_der_pol, 1.0, 1e-4),
-    (problems.kepler, 1.0, 1e-4),
-    (problems.friction_oscillator, 1.0, 1e-4),
     (problems.hertz_impact, 0.016, 1e-5),
     (problems.two_frequency_oscillator, 0.1, 1e-6),
     (problems.arenstorf, 0.5, 1e-5),
-    (problems.figure_eight, 1.0, 1e-4),
 ]
 
 

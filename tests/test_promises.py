@@ -25,9 +25,7 @@ def ball(t, u, v, z, p, a, dz):
     dz[0] = p.drag[0] * v[0] * v[0] + p.drag[1] * v[1] * v[1]
 
 
-@eig3.jit
-def height(t, u, v, z, p):
-    return u[1]
+height = eig3.jit(lambda t, u, v, z, p: u[1])
 
 
 @eig3.jit
@@ -35,10 +33,7 @@ def rebound(t, u, v, z, p):
     v[1] *= -0.8
 
 
-@eig3.jit
-def energy(t, u, v, z, p):
-    return 0.5 * (v[0] * v[0] + v[1] * v[1]) + p.g * u[1]
-
+energy = eig3.jit(lambda t, u, v, z, p: 0.5 * (v[0] * v[0] + v[1] * v[1]) + p.g * u[1])
 
 FUNCTIONS = {
     "events": {"ground": eig3.Event(height, direction=-1, apply=rebound)},

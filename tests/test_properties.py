@@ -22,9 +22,7 @@ def hardening_vector(t, u, v, p, a):
         a[j] = np.sin(t) - p[0] * u[j] * (1 + u[j] * u[j])
 
 
-@eig3.jit
-def duffing(t, u, v, p):
-    return np.cos(t) - p[1] * v * (1 + v * v) - p[0] * u * (1 + u * u)
+duffing = eig3.jit(lambda t, u, v, p: np.cos(t) - p[1] * v * (1 + v * v) - p[0] * u * (1 + u * u))
 
 
 @eig3.jit

@@ -42,20 +42,7 @@ SHORT = {
     "kepler": BenchmarkProblem(lambda: problems.kepler(e=0.3, t_end=6.0), 1.8, "orbit"),
 }
 #: Steps are halved until the accuracies are reached, whatever the machine does.
-QUICK = [
-    "--method",
-    "rk4",
-    "--no-rivals",
-    "--repeats",
-    "1",
-    "--longest",
-    "1000",
-    "--mode",
-    "pointer",
-    "--accuracies",
-    "1e-1",
-    "1e-3",
-]
+QUICK = "--method rk4 --no-rivals --repeats 1 --longest 1000 --mode pointer --accuracies 1e-1 1e-3"
 
 
 @pytest.fixture
@@ -71,7 +58,7 @@ def command(*words):
 
 
 def two_problems(out, *words):
-    return command("--out", out, *QUICK, "--problem", "single_dof", "--problem", "kepler", *words)
+    return command("--out", out, *QUICK.split(), "--problem", "single_dof", "--problem", "kepler", *words)
 
 
 def interrupt_second(monkeypatch, module, name):
@@ -119,7 +106,7 @@ def test_a_run_that_was_cut_off_goes_on_and_gives_what_an_uncut_run_gives(tmp_pa
 @pytest.mark.usefixtures("small")
 def test_the_page_is_drawn_again_without_measuring(tmp_path, monkeypatch, capsys):
     run, again, compared = (tmp_path / name for name in ("run", "again", "compared"))
-    command("--out", run, *QUICK, "--problem", "kepler")
+    command("--out", run, *QUICK.split(), "--problem", "kepler")
     for name in ("integrate", "stepper"):
         monkeypatch.setattr(eig3.Problem, name, lambda *arguments, **options: pytest.fail("measured"))
     assert command("--from", run, "--out", again) == 0
@@ -136,7 +123,7 @@ def test_the_page_is_drawn_again_without_measuring(tmp_path, monkeypatch, capsys
 @pytest.mark.usefixtures("small")
 def test_what_does_not_fit_a_run_is_refused(tmp_path, monkeypatch):
     run, empty = tmp_path / "run", tmp_path / "empty"
-    command("--out", run, *QUICK, "--problem", "kepler")
+    command("--out", run, *QUICK.split(), "--problem", "kepler")
     content = (run / "run.json").read_text()
 
     def refused(message, *words):
@@ -185,20 +172,8 @@ def test_everything_is_on_the_page(tmp_path, monkeypatch):
     monkeypatch.setattr(trust, "ACCURACIES", (1e-3,))
     for name, nothing in (("UNDAMPED", ()), ("DAMPED", ()), ("GROWING", {}), ("weakly_growing", dict)):
         monkeypatch.setattr(stability, name, nothing)
-    words = [
-        "--method",
-        "eig3",
-        "--repeats",
-        "2",
-        "--longest",
-        "0.001",
-        "--mode",
-        "pointer",
-        "--accuracies",
-        "1e-1",
-        "1e-3",
-    ]
-    assert command("--out", tmp_path, *words) == 0
+    words = "--method eig3 --repeats 2 --longest 0.001 --mode pointer --accuracies 1e-1 1e-3"
+    assert command("--out", tmp_path, *words.split()) == 0
     record = Record.open(tmp_path)
     assert record.missing == []
     assert [result.name for result in record.results] == ["kepler"]
@@ -207,14 +182,8 @@ def test_everything_is_on_the_page(tmp_path, monkeypatch):
     assert [table.table.number for table in record.article] == [4]
     assert all(len(seconds) == 2 for columns in record.timings.values() for seconds in columns.values())
     markdown, page = ((tmp_path / f"report.{end}").read_text() for end in ("md", "html"))
-    for heading in (
-        "How to read it",
-        "The article's tables and claims",
-        "Beside C",
-        "Stability limits",
-        "Hard cases",
-        "Can the error",
-    ):
+    headings = ["How to read it", "The article's tables and claims", "Beside C", "Stability limits", "Hard cases"]
+    for heading in (*headings, "Can the error"):
         assert f"## {heading}" in markdown
     assert record.run.command in page
     for part in record.run.parts:
@@ -556,10 +525,7 @@ def raises(t, u, v, p):
     return -u
 
 
-@eig3.jit
-def explodes(t, u, v, p):
-    return u * u * u
-
+explodes = eig3.jit(lambda t, u, v, p: u * u * u)
 
 OWN = """
 import eig3
@@ -622,7 +588,7 @@ def test_missing_packages_are_named_before_anything_is_written(tmp_path, monkeyp
     with pytest.raises(ImportError, match=r"eig3\.report needs scipy, jinja2: .*eig3\[bench\]"):
         eig3.report(oscillator(), tmp_path / "new")
     with pytest.raises(SystemExit, match=r"eig3 bench report needs scipy, jinja2: .*eig3\[bench\]"):
-        command("--out", tmp_path, *QUICK)
+        command("--out", tmp_path, *QUICK.split())
     assert not list(tmp_path.iterdir())
 
 

@@ -11,13 +11,10 @@ import pytest
 import eig3
 from eig3.stepping import observer
 
-from .conftest import bounce, coupled, energy, oscillator, position
+from .conftest import SAME, assert_same, bounce, coupled, energy, oscillator, position
 from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, forces, steady
 
-
-@eig3.jit
-def fast(t, u, v, p):
-    return v - 0.5
+fast = eig3.jit(lambda t, u, v, p: v - 0.5)
 
 
 @eig3.jit
@@ -42,25 +39,6 @@ def integrate(system, t_end, **options):
     if "rtol" not in options:
         options = {"h": H, **options}
     return eig3.integrate(*start, params=system["params"], **options)
-
-
-COUNTS = ("n_steps", "n_rhs", "n_iterations", "n_rejected")
-
-
-def assert_same(one, other, counts=COUNTS):
-    for name in ("t", "u", "v", "steps"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    for name in ("h", *counts, "status", "message", "drift", "notes", "labels"):
-        assert getattr(one, name) == getattr(other, name), name
-    for each in ("outputs", "z", "extremes"):
-        ours, theirs = getattr(one, each), getattr(other, each)
-        assert list(ours) == list(theirs)
-        for name in ours:
-            np.testing.assert_array_equal(ours[name], theirs[name])
-    assert list(one.events) == list(other.events)
-    for name, occurrences in one.events.items():
-        for ours, theirs in zip(vars(occurrences).values(), vars(other.events[name]).values(), strict=True):
-            np.testing.assert_array_equal(ours, theirs)
 
 
 def both_ways(tmp_path, system, t_end, **options):
@@ -97,6 +75,7 @@ def test_events_go_on(options, tmp_path):
     functions = {name: options[name] for name in ("events", "invariants", "outputs")}
     functions["events"] = dict(reversed(EVENTS.items()))  # their order does not matter
     whole = integrate(SCALAR, 1.0 + 1000 * H, **options)
+    assert_same(integrate(SCALAR, 1.0 + 300 * H, **options).extend(1.0 + 1000 * H), whole)
     for path in both_ways(tmp_path, SCALAR, 1.0 + 300 * H, **options):
         loaded = eig3.load(path, rhs=oscillator, **functions)
         assert 1 < len(loaded.events["wall"]) < len(whole.events["wall"])
@@ -137,7 +116,7 @@ class After:
 @pytest.mark.parametrize("options", [{}, {"rtol": 1e-5}], ids=["fixed", "tolerances"])
 def test_an_interrupted_run_goes_on_from_anywhere(options, tmp_path, monkeypatch):
     """The log of events has so little room that calls of the kernel end within steps, which costs evaluations."""
-    counts = ("n_steps", "n_rejected")
+    names = {*SAME, "notes"} - {"n_rhs", "n_iterations"}
     monkeypatch.setattr("eig3.stepping.slices._SECONDS", 1e-7)
     monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-7)
     monkeypatch.setattr(observer, "_LOG_ROWS", 2)
@@ -155,17 +134,20 @@ def test_an_interrupted_run_goes_on_from_anywhere(options, tmp_path, monkeypatch
             steps.add(stopped.n_steps)
             path = directory if looks % 2 else stopped.save(tmp_path / "run")
             loaded = eig3.load(path, rhs=oscillator, events=EVENTS, outputs={"energy": energy})
-            assert_same(loaded.extend(41.0), whole, counts)
-            assert_same(stopped.extend(41.0), whole, counts)
+            assert_same(loaded.extend(41.0), whole, names)
+            assert_same(stopped.extend(41.0), whole, names)
     assert len(steps) > 3
 
 
-@pytest.mark.parametrize("ends", [(30.0, 40.0), (3.0, 5.0, 9.0, 17.0, 33.0)])
-def test_a_steady_growth_is_noted_over_the_whole_span(ends, tmp_path):
+@pytest.mark.parametrize("is_loaded", [False, True])
+@pytest.mark.parametrize("ends", [(30.0,), (21.0, 40.0), (199.0,), (3.0, 5.0, 9.0, 17.0, 33.0)])
+def test_a_steady_growth_is_noted_over_the_whole_span(ends, is_loaded, tmp_path):
+    # A harmonic motion, so that velocities change their sign, and a quantity that grows by 200 over the run.
     options = {"invariants": {"e": steady}}
     run = integrate(SCALAR | {"params": (2.0, 0.0)}, ends[0], **options)
     for t_end in (*ends[1:], 201.0):
-        run = eig3.load(run.save(tmp_path / "run"), rhs=oscillator, **options).extend(t_end)
+        run = eig3.load(run.save(tmp_path / "run"), rhs=oscillator, **options) if is_loaded else run
+        run = run.extend(t_end)
     whole = integrate(SCALAR | {"params": (2.0, 0.0)}, 201.0, **options)
     assert len(whole.notes) == 1
     assert run.notes == whole.notes
@@ -174,13 +156,16 @@ def test_a_steady_growth_is_noted_over_the_whole_span(ends, tmp_path):
 def test_a_blow_up_is_judged_over_the_whole_span(tmp_path):
     # omega h = 2.1 is beyond the limit 2: the motion grows by 1.88 in a step, to 2e4 times its size in 15 steps.
     system, options = SCALAR | {"params": (1.0, 0.0)}, {"h": 2.1, "method": "cd"}
+    whole = integrate(system, 1.0 + 2.1 * 100, **options)
     for steps in (5, 11):
         first = integrate(system, 1.0 + 2.1 * steps, **options)
         assert first.success
         loaded = eig3.load(first.save(tmp_path / "run"), rhs=oscillator)
         extended = loaded.extend(1.0 + 2.1 * 100)
-        assert extended.status is eig3.Status.DIVERGED
+        assert whole.status is extended.status is eig3.Status.DIVERGED
         assert extended.message == first.extend(1.0 + 2.1 * 100).message
+    with pytest.raises(ValueError, match="DIVERGED cannot be extended"):
+        extended.extend(1000.0)
     with pytest.raises(ValueError, match="this run cannot be continued: its status is DIVERGED"):
         eig3.load(extended.save(tmp_path / "run"), rhs=oscillator)
 
@@ -204,9 +189,7 @@ def test_the_jacobian_of_the_method_is_given_again(tmp_path):
     assert_same(eig3.load(path, rhs=rub, jacobian=rub_derivative).extend(6.0), whole)
 
 
-@eig3.jit
-def far(t, u, v, p):
-    return u[0] - 1e-4
+far = eig3.jit(lambda t, u, v, p: u[0] - 1e-4)
 
 
 @eig3.jit
@@ -220,6 +203,7 @@ def test_problems_with_integrals_and_events_go_on(tmp_path):
     whole = problem.integrate(**options, t_end=0.25)
     first = problem.integrate(**options, t_end=0.125)
     assert len(first.events["far"].jumps) > 0
+    assert_same(first.extend(0.1875).extend(0.25), whole)
     problem.integrate(**options, t_end=0.125, save_to=tmp_path / "directory")
     for path in (first.save(tmp_path / "file"), tmp_path / "directory"):
         loaded = problem.load(path, events=options["events"])
@@ -303,6 +287,7 @@ def test_a_killed_run_is_there_and_goes_on(kind, tmp_path):
     functions, rhs = names["functions"], names["rhs"]
     killed = eig3.load(directory)
     assert killed.status is eig3.Status.INTERRUPTED
+    assert killed.message.startswith(f"The process of this run was killed after t = {killed.t[-1]:g},")
     end = killed.t[-1] + 1000 * names["fixed"]["h"] if kind == "tolerances" else (killed.n_steps + 1000) / 64
     loaded = eig3.load(directory, rhs=rhs, **functions)
     extended = loaded.extend(end)
@@ -317,16 +302,11 @@ def test_a_killed_run_is_there_and_goes_on(kind, tmp_path):
     np.testing.assert_array_equal(killed.outputs["forces"], killed.u * [1.0, 2.0])
     up_to = np.nextafter(end, 0) if kind == "tolerances" else killed.n_steps / 64
     if kind == "fixed":
+        assert rows == killed.n_steps // 100 + 1
         part = eig3.integrate(rhs, (0.0, up_to), [1.0, 2.0], [0.0, 0.0], **options)
-        assert_same_extremes(killed, part)
+        assert (killed.n_steps, killed.n_rhs, killed.drift) == (part.n_steps, part.n_rhs, part.drift)
+        np.testing.assert_equal(killed.extremes, part.extremes)
     assert 0 < killed.drift["energy"] <= whole.drift["energy"]
-
-
-def assert_same_extremes(one, other):
-    assert one.drift == other.drift
-    for name, extremes in one.extremes.items():
-        for ours, theirs in zip(extremes, other.extremes[name], strict=True):
-            np.testing.assert_array_equal(ours, theirs)
 
 
 # What does not go on -------------------------------------------------------------------------------------------------

@@ -457,10 +457,7 @@ class Wall(Link):
     cutoff_field = "range"
     nonnegative = ("push",)
 
-    @staticmethod
-    @eig3.jit
-    def tension(push):
-        return -push
+    tension = eig3.jit(lambda push: -push)
 
 
 def test_a_cutoff_is_a_field_of_ones_own_and_each_pair_may_have_another():
@@ -520,10 +517,7 @@ def test_another_effect_in_the_library_changes_no_instruction():
     class Wind(Body):
         speed: float
 
-        @staticmethod
-        @eig3.jit
-        def force(v, speed):
-            return speed - v[0], -v[1]
+        force = eig3.jit(lambda v, speed: (speed - v[0], -v[1]))
 
     scene = Scene(2)
     scene.mass(1.0, (0.0, 0.0))
@@ -651,9 +645,7 @@ def test_coinciding_ends_without_a_length_give_no_nan():
 class Magnet(Link):
     strength: float
 
-    @eig3.jit
-    def tension(r, strength):  # noqa: N805
-        return strength / r**2
+    tension = eig3.jit(lambda r, strength: strength / r**2)
 
     @staticmethod
     @eig3.jit
@@ -677,10 +669,7 @@ def test_names_in_ones_own_effect_do_not_clash_with_those_of_the_code():
         shift_0: float
         x: float = 0.0
 
-        @staticmethod
-        @eig3.jit
-        def tension(r, shift_0, x):
-            return shift_0 * r + x
+        tension = eig3.jit(lambda r, shift_0, x: shift_0 * r + x)
 
     found = []
     for effect in (X(10.0), LinearSpring(10.0)):
@@ -699,15 +688,8 @@ def test_results_have_names_of_their_own():
         f: float
         a: float
 
-        @staticmethod
-        @eig3.jit
-        def force(f):
-            return (f,)
-
-        @staticmethod
-        @eig3.jit
-        def acceleration(a):
-            return (a,)
+        force = eig3.jit(lambda f: (f,))
+        acceleration = eig3.jit(lambda a: (a,))
 
     scene = Scene(1)
     scene.mass([1.0, 2.0], [0.0, 1.0])
@@ -716,9 +698,7 @@ def test_results_have_names_of_their_own():
     assert at_start(problem).tolist() == [13.0, 11.5]
 
 
-@eig3.jit
-def unit(t):
-    return (1.0,)
+unit = eig3.jit(lambda t: (1.0,))
 
 
 def test_one_function_may_be_a_force_here_and_an_acceleration_there():
@@ -804,10 +784,7 @@ def test_a_problem_and_an_effect_are_as_they_were():
 class Undecorated(Body):
     strength: float
 
-    @staticmethod
-    @eig3.jit
-    def force(strength):
-        return strength, strength
+    force = eig3.jit(lambda strength: (strength, strength))
 
 
 class Longer(LinearSpring):
@@ -820,10 +797,7 @@ class NoField(Link):
 
     cutoff_field = "distance"
 
-    @staticmethod
-    @eig3.jit
-    def tension(r, strength):
-        return strength * r
+    tension = eig3.jit(lambda r, strength: strength * r)
 
 
 def two(dimension=2):
@@ -839,10 +813,7 @@ class Uncompiled(Body):
 
 @dataclass(frozen=True, eq=False)
 class Curious(Body):
-    @staticmethod
-    @eig3.jit
-    def force(weather):
-        return weather
+    force = eig3.jit(lambda weather: weather)
 
 
 @dataclass(frozen=True, eq=False)
@@ -855,10 +826,7 @@ class Forced(Body):
 class Timed(Body):
     t: float
 
-    @staticmethod
-    @eig3.jit
-    def force(t):
-        return t, t
+    force = eig3.jit(lambda t: (t, t))
 
 
 @dataclass(frozen=True, eq=False)
@@ -867,10 +835,7 @@ class Stringy(Body):
 
     vectors = "field"
 
-    @staticmethod
-    @eig3.jit
-    def force(field):
-        return field
+    force = eig3.jit(lambda field: field)
 
 
 @dataclass(frozen=True, eq=False)
@@ -882,42 +847,20 @@ class Pulling(Link):
 class Undirected(Motion):
     direction: float
 
-    @staticmethod
-    @eig3.jit
-    def motion(t):
-        return t, 1.0
+    motion = eig3.jit(lambda t: (t, 1.0))
 
 
-@eig3.jit
-def imaginary(r):
-    return 1j * r
+imaginary = eig3.jit(lambda r: 1j * r)
 
 
 class Plain(Body):
-    @staticmethod
-    @eig3.jit
-    def force(t):
-        return t, t
+    force = eig3.jit(lambda t: (t, t))
 
 
-@eig3.jit
-def one(v):
-    return v[0]
-
-
-@eig3.jit
-def three(v, strength):
-    return strength, v[0], v[1]
-
-
-@eig3.jit
-def pushed(v, strength):
-    return strength, v[0]
-
-
-@eig3.jit
-def failing(v):
-    return v[0], v[2]
+one = eig3.jit(lambda v: v[0])
+three = eig3.jit(lambda v, strength: (strength, v[0], v[1]))
+pushed = eig3.jit(lambda v, strength: (strength, v[0]))
+failing = eig3.jit(lambda v: (v[0], v[2]))
 
 
 def fixed_ends(effect):

@@ -27,10 +27,7 @@ def code(function):
 
 # Impacts
 
-
-@eig3.jit
-def half_way(t, u, v, p):
-    return u[0] - 0.5
+half_way = eig3.jit(lambda t, u, v, p: u[0] - 0.5)
 
 
 def dropped(dimension=1, slow=0.01, t_end=1.68, **options):
@@ -140,9 +137,7 @@ def test_an_impact_of_masses_keeps_their_momenta(dimension, flipped):
     assert solution.z["work"][-1] == pytest.approx((0.8**2 - 1) * reduced * rates[0] ** 2 / 2, rel=1e-12)
 
 
-@eig3.jit
-def advancing(t):
-    return 0.5 * t, 0.5
+advancing = eig3.jit(lambda t: (0.5 * t, 0.5))
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -345,15 +340,8 @@ def test_a_member_can_be_called_from_python():
 
 LEVEL = 0.5
 
-
-@eig3.jit
-def above_level(x):
-    return x[0] - LEVEL
-
-
-@eig3.jit
-def noise(x):
-    return x[0] - np.random.rand()
+above_level = eig3.jit(lambda x: x[0] - LEVEL)
+noise = eig3.jit(lambda x: x[0] - np.random.rand())
 
 
 def test_a_value_from_outside_is_that_of_the_next_run(monkeypatch):
@@ -388,20 +376,9 @@ class Gate(Body):
 
     crossing = 1
 
-    @staticmethod
-    @eig3.jit
-    def event(x, place):
-        return x[0] - place
-
-    @staticmethod
-    @eig3.jit
-    def state_after(state):
-        return state + 1
-
-    @staticmethod
-    @eig3.jit
-    def force(state, push):
-        return (-push * state,)
+    event = eig3.jit(lambda x, place: x[0] - place)
+    state_after = eig3.jit(lambda state: state + 1)
+    force = eig3.jit(lambda state, push: (-push * state,))
 
 
 def test_a_state_may_count():
@@ -417,24 +394,10 @@ def test_a_state_may_count():
     np.testing.assert_array_equal(solution.u[:, 1], np.searchsorted(found.t, solution.t))
 
 
-@eig3.jit
-def zero(x):
-    return x[0]
-
-
-@eig3.jit
-def distance(r):
-    return r
-
-
-@eig3.jit
-def number(v):
-    return v[0]
-
-
-@eig3.jit
-def reading(state):
-    return (state,)
+zero = eig3.jit(lambda x: x[0])
+distance = eig3.jit(lambda r: r)
+number = eig3.jit(lambda v: v[0])
+reading = eig3.jit(lambda state: (state,))
 
 
 def effect(kind, **members):

@@ -50,25 +50,10 @@ HOSTILE = {
     **{word: word for word in ("class", "lambda", "None", "_", "__debug__", "__builtins__", "__import__")},
 }
 
-
-@eig3.jit
-def push(v, strength):
-    return strength, strength * v[0]
-
-
-@eig3.jit
-def pull(r, strength):
-    return strength * r
-
-
-@eig3.jit
-def stored(r, strength):
-    return strength / 2 * r * r
-
-
-@eig3.jit
-def swing(t, strength):
-    return strength * t, strength
+push = eig3.jit(lambda v, strength: (strength, strength * v[0]))
+pull = eig3.jit(lambda r, strength: strength * r)
+stored = eig3.jit(lambda r, strength: strength / 2 * r * r)
+swing = eig3.jit(lambda t, strength: (strength * t, strength))
 
 
 def effect(kind, name, fields=("strength",), values=(3.0,), **content):
@@ -183,10 +168,7 @@ def test_a_scene_with_hostile_names_compiles(nothing_ran):
     ("one", "other"), [("north-wind", "north wind"), ("My Spring", "MySpring"), ("", "_"), ("#", "?")]
 )
 def test_classes_whose_names_become_the_same_identifier_stay_apart(one, other):
-    @eig3.jit
-    def twice(t, strength):
-        return 0.0, 2 * strength
-
+    twice = eig3.jit(lambda t, strength: (0.0, 2 * strength))
     scene = Scene(2)
     scene.mass(2.0, (0.0, 0.0), (5.0, 0.0))
     scene.add(effect(Body, one))
@@ -228,10 +210,7 @@ class Written(Body):
 
     stiﬀness: float
 
-    @staticmethod
-    @eig3.jit
-    def force(stiﬀness):
-        return (stiﬀness,)
+    force = eig3.jit(lambda stiffness: (stiﬀness,))
 
 
 def test_a_field_written_with_a_ligature_works():
@@ -272,10 +251,7 @@ class Computed(Body):
             object.__setattr__(self, "found", self.given)
         super().__post_init__()
 
-    @staticmethod
-    @eig3.jit
-    def force(found):
-        return found, found
+    force = eig3.jit(lambda found: (found, found))
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,10 +263,7 @@ class Filled(Body):
 
     arrays = ("samples",)
 
-    @staticmethod
-    @eig3.jit
-    def force(samples, strength):
-        return samples[0] * strength, 0.0
+    force = eig3.jit(lambda samples, strength: (samples[0] * strength, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,10 +355,7 @@ def test_what_a_class_may_replace():
         def components(self, vector, dimension):
             return 2
 
-        @staticmethod
-        @eig3.jit
-        def force(strength):
-            return strength
+        force = eig3.jit(lambda strength: strength)
 
     replacing = dataclass(frozen=True, eq=False)(Replacing)
     scene = add(replacing((1.0, 2.0)))
@@ -421,10 +391,7 @@ class Halved(Body):
             object.__setattr__(self, "strength", [x / 2 for x in self.strength])
         super().__post_init__()
 
-    @staticmethod
-    @eig3.jit
-    def force(strength):
-        return strength, 0.0
+    force = eig3.jit(lambda strength: (strength, 0.0))
 
 
 def test_an_effect_may_have_arguments_that_are_not_fields():

@@ -59,10 +59,7 @@ def test_another_effect_in_the_catalogue_changes_no_instruction(pair, monkeypatc
     class Wind(effects.Body):
         speed: float
 
-        @staticmethod
-        @eig3.jit
-        def force(v, speed):
-            return speed - v[0], -v[1]
+        force = eig3.jit(lambda v, speed: (speed - v[0], -v[1]))
 
     before = pair.problems()[0].rhs
     monkeypatch.setitem(vars(effects), "Wind", Wind)

@@ -13,7 +13,7 @@ from eig3.kernels.loops import fixed, variable
 from eig3.run import short
 from eig3.stepping import slices
 
-from .conftest import first_position, harmonic, position
+from .conftest import assert_same, first_position, harmonic, position
 
 SLICE = 5e-4  # s, the duration of a slice
 PER_STEP = 1e-7  # s
@@ -28,10 +28,7 @@ def oscillators(t, u, v, p, a):
         a[j] = -(1.0 + 0.1 * j) * u[j]
 
 
-@eig3.jit
-def reversed_velocity(t, u, v, p):
-    return u, -v
-
+reversed_velocity = eig3.jit(lambda t, u, v, p: (u, -v))
 
 CROSSINGS = {"crossing": eig3.Event(position)}
 FIXED, TOLERANCES = {"h": 0.01}, {"rtol": 1e-6, "max_steps": 10**9}
@@ -116,11 +113,7 @@ def test_a_rhs_that_becomes_1000_times_slower_delays_the_answer_by_1000_short_sl
 @pytest.mark.parametrize("save_every", [1000, None])
 def test_a_long_run_with_tolerances_after_a_short_one_has_slices(monkeypatch, clock, save_every):
     """The steps of the short run say nothing about those of a run over another span, which needs few rows too."""
-
-    @eig3.jit
-    def rhs(t, u, v, p):
-        return -u
-
+    rhs = eig3.jit(lambda t, u, v, p: -u)
     wrap_kernels(monkeypatch, lambda kernel: clock.watch(kernel, slow_from=10**9))
     for end in (1, 10_000):
         eig3.integrate(rhs, (0, end), 1.0, 0.0, method="rk8", rtol=1e-6, save_every=save_every)
@@ -161,18 +154,6 @@ def test_steps_that_were_not_taken_do_not_count(clock):
         clock.now += done * PER_STEP
         some.end(done, *begun)
     assert some.steps <= 16 * 10
-
-
-def assert_same(one, two):
-    for name in ("t", "u", "v", "n_steps", "n_rhs", "status", "message"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(two, name), name)
-    for name, values in one.outputs.items():
-        np.testing.assert_array_equal(values, two.outputs[name])
-    for name, extremes in one.extremes.items():
-        np.testing.assert_array_equal(extremes, two.extremes[name])
-    for name, found in getattr(one, "events", {}).items():
-        for field in ("t", "u", "v", "u_after", "v_after"):
-            np.testing.assert_array_equal(getattr(found, field), getattr(two.events[name], field))
 
 
 BOUNCES = {"bounce": eig3.Event(position, apply=reversed_velocity, direction=-1), "crossing": eig3.Event(position)}

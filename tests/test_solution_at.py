@@ -12,11 +12,8 @@ from eig3.functions.events import Occurrences
 
 from .conftest import coupled, damped, hardening
 
-
-@eig3.jit
-def forced(t, u, v, p):
-    """With u(0) = 1 and v(0) = 0, the exact motion is cos t."""
-    return -2 * u + np.cos(t)
+#: With u(0) = 1 and v(0) = 0, the exact motion is cos t.
+forced = eig3.jit(lambda t, u, v, p: -2 * u + np.cos(t))
 
 
 @eig3.jit
@@ -30,20 +27,10 @@ def fragile(t, u, v, p):
 def hand_made(t, u, v, method="rk4", accelerations=None, events=None):
     """A solution with these states; `accelerations` is a function of t, u and v."""
     return eig3.Solution(
-        t=t,
-        u=u,
-        v=v,
-        h=float(t[1] - t[0]),
-        n_steps=len(t) - 1,
-        n_rhs=0,
-        n_iterations=0,
-        status=eig3.Status.COMPLETED,
-        message="",
-        kernel_seconds=0.0,
-        method=eig3.METHODS[method](),
-        events=events or {},
-        _accelerations=accelerations,
-    )
+        t=t, u=u, v=v, h=float(t[1] - t[0]), n_steps=len(t) - 1, n_rhs=0, n_iterations=0,
+        status=eig3.Status.COMPLETED, message="", kernel_seconds=0.0, method=eig3.METHODS[method](),
+        events=events or {}, _accelerations=accelerations
+    )  # fmt: skip
 
 
 def midpoint_errors(rhs, h, method):
@@ -306,10 +293,8 @@ def test_accelerations_that_are_not_finite_are_not_used():
 TOO_FAR = r"^the saved states around t = .* are too far apart to interpolate between them, .* save_every=1 .* t_eval\.$"
 
 
-@eig3.jit
-def bouncing(t, u, v, p):
-    """A ball on a floor with Hertz's contact."""
-    return -9.81 + p[0] * max(-u, 0.0) ** 1.5
+#: A ball on a floor with Hertz's contact.
+bouncing = eig3.jit(lambda t, u, v, p: -9.81 + p[0] * max(-u, 0.0) ** 1.5)
 
 
 def test_a_run_with_two_states_says_that_nothing_is_known_between_them():

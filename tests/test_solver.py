@@ -106,9 +106,7 @@ def test_a_solver_that_is_named_is_kept():
     assert "solver='newton' may help" in run.message
 
 
-@eig3.jit
-def takes_v_by_another_name(t, u, speed, p):
-    return -u - 0.1 * speed
+takes_v_by_another_name = eig3.jit(lambda t, u, speed, p: -u - 0.1 * speed)
 
 
 @eig3.jit
@@ -119,9 +117,7 @@ def has_v_in_an_inner_function(t, u, v, p):
     return -u - damping()
 
 
-@eig3.jit
-def hands_v_on(t, u, v, p):
-    return spring(t, u, v, p)
+hands_v_on = eig3.jit(lambda t, u, v, p: spring(t, u, v, p))
 
 
 @eig3.jit

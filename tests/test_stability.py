@@ -42,16 +42,6 @@ dampings = st.floats(0, 1.5)
 
 
 @settings(deadline=None)
-@given(alpha=parameters, Omega=frequencies, z=st.complex_numbers(max_magnitude=2))
-def test_characteristic_polynomial_of_second_order_sets(alpha, Omega, z):
-    """With alpha = 1 it is central difference's own, times z."""
-    s = Omega * Omega
-    value = np.polyval(characteristic_polynomial(eig3.EIG3(alpha, 0.5), Omega), z)
-    expected = z * (z * z - (2 - s) * z + 1) + (alpha - 1) * s / 2 * (z - 1) ** 2
-    assert abs(value - expected) < 15 * 30 * EPS * 28**3  # the error of the coefficients above, times 1 + 2 + 4 + 8
-
-
-@settings(deadline=None)
 @given(alpha=parameters, beta=parameters, Omega=frequencies, xi=st.just(0.0) | dampings)
 def test_characteristic_polynomial_of_eig3(alpha, beta, Omega, xi):
     """As of u_{n+1} - 2 u_n + u_{n-1} and so on, worked out by hand for a = -s u - d v."""

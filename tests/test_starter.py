@@ -1,8 +1,6 @@
 """A multistep method in one file and one record: AB4, which RK4 starts."""
 
 import importlib
-import os
-import subprocess
 import sys
 
 import numpy as np
@@ -11,7 +9,7 @@ import pytest
 import eig3
 from eig3.stability import amplification_matrix, limit
 
-from .conftest import coupled, gyroscope, oscillator
+from .conftest import coupled, gyroscope, oscillator, python
 
 AB4 = '''
 """AB4, the fourth-order Adams-Bashforth method on (u, v); RK4 takes the first three steps."""
@@ -179,8 +177,5 @@ def test_a_step_that_returns_a_row_twice_is_found_where_indices_are_checked(tmp_
     (tmp_path / "ab4.py").write_text(
         AB4.replace("v3, a, v1, a1, v2, a2, a3), True", "v3, a, v1, a1, v1, a2, a3), True")
     )
-    environment = {**os.environ, "NUMBA_BOUNDSCHECK": "1", "PYTHONPATH": str(tmp_path)}
-    result = subprocess.run(
-        [sys.executable, "-c", LOSES_A_ROW], env=environment, capture_output=True, text=True, check=True
-    )
-    assert "each of its rows once" in result.stdout
+    printed = python("-c", LOSES_A_ROW, NUMBA_BOUNDSCHECK="1", PYTHONPATH=str(tmp_path))
+    assert "each of its rows once" in printed

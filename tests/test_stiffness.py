@@ -13,10 +13,7 @@ from eig3.stability import limit
 
 SPAN = 0, 20
 
-
-@eig3.jit
-def van_der_pol(t, u, v, p):
-    return p[0] * (1 - u * u) * v - u
+van_der_pol = eig3.jit(lambda t, u, v, p: p[0] * (1 - u * u) * v - u)
 
 
 @eig3.jit

@@ -3,8 +3,6 @@
 import dataclasses
 import json
 import resource
-import subprocess
-import sys
 import zipfile
 
 import numpy as np
@@ -16,12 +14,9 @@ from eig3.result import storage
 from eig3.result.error_estimate import ErrorEstimate
 from eig3.result.solution import TRANSIENT
 
-from .conftest import coupled, energy, oscillator, structure
+from .conftest import coupled, energy, oscillator, python, structure
 
-
-@eig3.jit
-def derivative(t, u, v, p):
-    return -2 * p[1] * p[0]
+derivative = eig3.jit(lambda t, u, v, p: -2 * p[1] * p[0])
 
 
 def oscillate(method="rk4", **options):
@@ -377,8 +372,7 @@ def test_a_file_is_read_in_a_new_process_and_by_numpy_alone(tmp_path):
     run = full_solution()
     path = run.save(tmp_path / "run")
     code = f"import eig3; s = eig3.load({str(path)!r}); print(repr(float(s.at(1.23)[0])), len(s.outputs))"
-    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert printed == f"{float(run.at(1.23)[0])!r} {len(run.outputs)}\n"
+    assert python("-c", code) == f"{float(run.at(1.23)[0])!r} {len(run.outputs)}\n"
     with np.load(path, allow_pickle=False) as arrays:
         for name in ("t", "u", "v", "a", "steps"):
             np.testing.assert_array_equal(arrays[name], getattr(run, name))

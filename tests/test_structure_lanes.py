@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.effects import (
-    BoucWen,
-    FrictionPendulum,
-    LeadRubber,
-    LinearDamper,
-    LinearSpring,
-    Maxwell,
-)
+from eig3.effects import BoucWen, FrictionPendulum, LeadRubber, LinearDamper, LinearSpring, Maxwell
 from eig3.math import cos
 from eig3.structures import base_shear, link_ductility, link_forces, storey_drifts
 
@@ -40,10 +33,7 @@ def push(t, u, v, p, out):
     out[2] -= p.strength * u[2] * u[2] * u[2]
 
 
-@eig3.jit
-def passes(t, u, v, z, p):
-    return p.limit - abs(u[0])
-
+passes = eig3.jit(lambda t, u, v, z, p: p.limit - abs(u[0]))
 
 FUNCTION = {"force": push, "params": {"strength": 1.0, "limit": 0.3}, "links": LINKS[:1]}
 #: Each term of the equation of motion is in a structure. The parameters that follow differ from member to member.

@@ -62,10 +62,7 @@ def test_a_structure_with_links_moves_as_the_same_scene():
 
     @dataclass(frozen=True, eq=False)
     class Inertia(Body):
-        @staticmethod
-        @eig3.jit
-        def acceleration(t):
-            return (-8 * np.sin(3 * t),)
+        acceleration = eig3.jit(lambda t: (-8 * np.sin(3 * t),))
 
     problem, scene = structure(), as_a_scene(Inertia())
     options = {"rtol": 1e-9, "t_eval": np.linspace(0, 8, 9), "h_max": 0.01}
@@ -208,10 +205,7 @@ def test_the_ductility_demand_of_an_impulse():
 
 @dataclass(frozen=True, eq=False)
 class Odd(LinearSpring):
-    @staticmethod
-    @eig3.jit
-    def ductility(r, yield_length):
-        return r / yield_length
+    ductility = eig3.jit(lambda r, yield_length: r / yield_length)
 
 
 @pytest.mark.parametrize(

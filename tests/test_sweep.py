@@ -331,11 +331,7 @@ def test_an_interrupted_sweep_keeps_the_batches_that_were_complete(tmp_path, mon
         ("duffing --set a=1:2:3 --fix a=1", "max:u", "a is given twice"),
         ("duffing --set a=1:2:3 --fix b", "max:u", "--fix must be NAME=VALUE, such as omega=1.2, not 'b'."),
         ("elastic_bar --set length=1:2:2 --fix n=2.5", "max:u0", "--fix n must be a whole number, not 2.5."),
-        (
-            "elastic_bar --set n=4:8:4",
-            "max:u0",
-            "--set n takes whole numbers, but 4 values from 4 to 8 contain 5.3",
-        ),
+        ("elastic_bar --set n=4:8:4", "max:u0", "--set n takes whole numbers, but 4 values from 4 to 8 contain 5.3"),
         ("elastic_bar --set n=4:8:log --random 3", "max:u0", "--set n takes whole numbers: give whole FROM and TO"),
         ("duffing --set delta=-1:1:3", "max:u", "delta must not be negative, not -1"),
         ("duffing --set a=1:2:3", "mean:u", "--measure must be one of max, min, peak, end, drift, then a colon"),

@@ -13,11 +13,7 @@ from eig3.problems.bouncing_ball import bouncing_ball
 
 from .conftest import damped, first_position, hardening_chain, position, spring
 
-
-@eig3.jit
-def squares(t, u, v, p):
-    return u * u
-
+squares = eig3.jit(lambda t, u, v, p: u * u)
 
 RUNS = [{"h": 0.1, "method": "eig3"}, {"rtol": 1e-6, "method": "rk5"}]
 BOTH = pytest.mark.parametrize("options", RUNS, ids=["fixed", "adaptive"])
@@ -232,9 +228,7 @@ def test_a_run_that_diverges_keeps_its_finite_times():
     assert np.isfinite(solution.u).all()
 
 
-@eig3.jit
-def falling(t, u, v, p):
-    return -1.0
+falling = eig3.jit(lambda t, u, v, p: -1.0)
 
 
 @eig3.jit
@@ -242,9 +236,7 @@ def falling_bodies(t, u, v, p, a):
     a[0] = a[1] = -1.0
 
 
-@eig3.jit
-def rises(t, u, v, p):
-    return 0.0, 1.0
+rises = eig3.jit(lambda t, u, v, p: (0.0, 1.0))
 
 
 @BOTH

@@ -22,8 +22,7 @@ from eig3.run import short
 from eig3.scene import Scene, codegen, grains_text, pair_force
 from eig3.stepping import team
 
-from .conftest import acceleration
-from .test_extend import assert_same
+from .conftest import acceleration, assert_same
 from .test_neighbours import by_python
 
 
@@ -93,9 +92,7 @@ def with_many_mates():
     return scene
 
 
-@eig3.jit
-def swing(t):
-    return 0.3 * np.sin(5 * t), 1.5 * np.cos(5 * t)
+swing = eig3.jit(lambda t: (0.3 * np.sin(5 * t), 1.5 * np.cos(5 * t)))
 
 
 def of_cells():
@@ -142,8 +139,7 @@ def test_threads_change_no_bit(make, counted, monkeypatch):
         assert bool(counted) == (threads > 1)
     run = runs[0]
     for other in runs[1:]:
-        np.testing.assert_array_equal(other.u, run.u)
-        np.testing.assert_array_equal(other.v, run.v)
+        assert_same(other, run, ("u", "v"))
     assert np.abs(run.u[-1] - run.u[0]).max() > 0.3
     monkeypatch.setattr(codegen, "_SHARED", 10**9)
     monkeypatch.setattr(codegen, "_SHARED_CELLS", 10**9)
@@ -206,10 +202,7 @@ def test_springs_of_a_part_without_room_are_written_in_turn(monkeypatch):
 
 @pytest.mark.parametrize("options", [{"h": 1e-3}, {"rtol": 1e-6, "method": "rk5"}, {"h": 1e-3, "inline": True}])
 def test_all_kinds_of_runs_have_the_same_bits(options, tmp_path):
-    @eig3.jit
-    def fallen(t, u, v, p):
-        return u[150 + 7] + 1.0
-
+    fallen = eig3.jit(lambda t, u, v, p: u[150 + 7] + 1.0)
     events = {} if "inline" in options else {"fallen": eig3.Event(fallen)}  # a loop that looks takes long to compile
     found = []
     for threads in (1, 3):

@@ -3,8 +3,6 @@
 import math
 import os
 import signal
-import subprocess
-import sys
 import textwrap
 import threading
 
@@ -17,17 +15,15 @@ from eig3.kernels.loops import controller
 from eig3.kernels.methods import eig3_variable
 from eig3.run import history
 
-from .conftest import oscillator, oscillator_vector, position, spring
+from .conftest import oscillator, oscillator_vector, position, python, spring
 
 METHODS = ["rk5", "rk8", "eig3"]
 ORDERS = {"rk5": 5, "rk8": 8, "eig3": 2}
 COSTS = {"rk5": 6, "rk8": 12, "eig3": 1}  # evaluations in a step, whose last one is the first of the next step
 
 
-@eig3.jit
-def faster(t, u, v, p):
-    """From rest at zero, the exact motion is sin(t^2)."""
-    return 2 * np.cos(t * t) - 4 * t * t * u - p[0] * (v - 2 * t * np.cos(t * t))
+#: From rest at zero, the exact motion is sin(t^2).
+faster = eig3.jit(lambda t, u, v, p: 2 * np.cos(t * t) - 4 * t * t * u - p[0] * (v - 2 * t * np.cos(t * t)))
 
 
 @eig3.jit
@@ -37,21 +33,15 @@ def whirl(t, u, v, p, a):
     a[1] = 2 * u[0] + 2 * t * v[0]
 
 
-@eig3.jit
-def late(t, u, v, p):
-    """A spring whose force begins at t = 1, with the slope p[0] and the jump p[1]."""
-    return (p[0] * (t - 1) + p[1] if t > 1 else 0.0) - u
+#: A spring whose force begins at t = 1, with the slope p[0] and the jump p[1].
+late = eig3.jit(lambda t, u, v, p: (p[0] * (t - 1) + p[1] if t > 1 else 0.0) - u)
 
 
-@eig3.jit
-def singular(t, u, v, p):
-    """With u(0) = 1 and v(0) = 2, the exact motion is 1 / (1 - t)^2."""
-    return 6 * u * u
+#: With u(0) = 1 and v(0) = 2, the exact motion is 1 / (1 - t)^2.
+singular = eig3.jit(lambda t, u, v, p: 6 * u * u)
 
 
-@eig3.jit
-def nan_after_3(t, u, v, p):
-    return -u if t < 3 else np.nan
+nan_after_3 = eig3.jit(lambda t, u, v, p: -u if t < 3 else np.nan)
 
 
 @eig3.jit
@@ -72,9 +62,7 @@ def energy(t, u, v, p):
     return (v[0] * v[0] + v[1] * v[1]) / 2 - 1 / math.sqrt(u[0] * u[0] + u[1] * u[1])
 
 
-@eig3.jit
-def explosion(t, u, v, p):
-    return 1 / (u * u)
+explosion = eig3.jit(lambda t, u, v, p: 1 / (u * u))
 
 
 @eig3.jit
@@ -311,10 +299,8 @@ def test_rest_until_a_force_begins(method, rtol, within, ramp, jump):
     assert np.abs(solution.u - exact).max() < within
 
 
-@eig3.jit
-def pulse(t, u, v, p):
-    """A spring, and the force 1 from t = 100 to 120."""
-    return (1.0 if 100 < t < 120 else 0.0) - p[0] * u
+#: A spring, and the force 1 from t = 100 to 120.
+pulse = eig3.jit(lambda t, u, v, p: (1.0 if 100 < t < 120 else 0.0) - p[0] * u)
 
 
 @eig3.jit
@@ -375,9 +361,7 @@ def test_a_right_hand_side_that_is_nan_just_after_the_start():
     assert solution.n_steps == 0
 
 
-@eig3.jit
-def nan_after_0(t, u, v, p):
-    return -u if t <= 0 else np.nan
+nan_after_0 = eig3.jit(lambda t, u, v, p: -u if t <= 0 else np.nan)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -460,15 +444,8 @@ def test_save_every(save_every):
     assert some.drift["cube"] == pytest.approx(np.abs(whole.u**3 - 1).max(), rel=1e-14)
 
 
-@eig3.jit
-def square(t, u, v, p):
-    return u * u
-
-
-@eig3.jit
-def cube(t, u, v, p):
-    return u * u * u
-
+square = eig3.jit(lambda t, u, v, p: u * u)
+cube = eig3.jit(lambda t, u, v, p: u * u * u)
 
 # How runs end --------------------------------------------------------------------------------------------------------
 
@@ -741,9 +718,7 @@ JOINED = """
 
 def test_the_states_are_joined_in_the_memory_that_they_have():
     """A history that fits in memory must not need twice its memory at the end of the run."""
-    code = textwrap.dedent(JOINED)
-    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    size, before, after = map(float, printed.split())
+    size, before, after = map(float, python("-c", textwrap.dedent(JOINED)).split())
     assert before > size
     assert after - before < 2.2 * history._BLOCK_BYTES < 0.7 * size
 

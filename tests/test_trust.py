@@ -63,9 +63,7 @@ def satellite(t, u, v, p, a):
     a[0], a[1] = pull * u[0], pull * u[1]
 
 
-@eig3.jit
-def apsis(t, u, v, p):
-    return u[0] * v[0] + u[1] * v[1]
+apsis = eig3.jit(lambda t, u, v, p: u[0] * v[0] + u[1] * v[1])
 
 
 @eig3.jit

@@ -9,15 +9,8 @@ from eig3.bench.report.record import Record
 
 pytestmark = pytest.mark.system
 
-
-@eig3.jit
-def spring(t, u, v, p):
-    return -p[0] * u
-
-
-@eig3.jit
-def energy(t, u, v, p):
-    return 0.5 * (v * v + p[0] * u * u)
+spring = eig3.jit(lambda t, u, v, p: -p[0] * u)
+energy = eig3.jit(lambda t, u, v, p: 0.5 * (v * v + p[0] * u * u))
 
 
 def oscillator(**fields):

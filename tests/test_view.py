@@ -4,9 +4,7 @@ import base64
 import hashlib
 import html
 import json
-import os
 import re
-import shutil
 import zlib
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -304,21 +302,6 @@ def test_twenty_thousand_grains_fit_in_twenty_megabytes(jitter, least_bits):
 
 
 # In a browser --------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator:
-    from playwright.sync_api import sync_playwright
-
-    names = ("chromium", "chromium-browser", "google-chrome", "chrome")
-    path = os.environ.get("CHROME") or next((found for name in names if (found := shutil.which(name))), None)
-    if path is None:
-        pytest.skip("There is no Chromium here: install it, or give its path in the environment variable CHROME.")
-    software = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # WebGL without a GPU
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=path, args=software)
-        yield started
-        started.close()
 
 
 @pytest.fixture

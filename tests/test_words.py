@@ -11,45 +11,19 @@ from .conftest import README_FILES, ROOT
 
 #: Phrases that stand for a noun which should be repeated, that personify code, or that no field uses.
 PHRASES = (
-    "that of",
-    "those of",
-    "the one",
-    "of its own",
-    "go on",
-    "goes on",
-    "as a part of",
-    "described instead of written",
-    "by its kernel",
-    "is a memo",
-    "foretold",
-    "is no rival",
-    "stands for its rest",
-    "forgets all",
-    "travel as",
-    "what p remembers",
-    "must be said",
-    "relative to which",
-    "from which on",
-    "below this part",
-    "as far as the run knows",
-    "a spring of an angle",
-    "do the same",
-    "do so",
-)
+    "that of", "those of", "the one", "of its own", "go on", "goes on", "as a part of",
+    "described instead of written", "by its kernel", "is a memo", "foretold", "is no rival",
+    "stands for its rest", "forgets all", "travel as", "what p remembers", "must be said", "relative to which",
+    "from which on", "below this part", "as far as the run knows", "a spring of an angle", "do the same",
+    "do so"
+)  # fmt: skip
 _PHRASE = re.compile(rf"\b(?:{'|'.join(PHRASES)})\b(?!-)", re.IGNORECASE)
 
 #: The parts of the project; tests, samples of reports and the record of changes are not read.
 PARTS = (
-    "README.md",
-    "CONTRIBUTING.md",
-    "SECURITY.md",
-    "STABILITY.md",
-    "eig3",
-    "eig3/effects",
-    "kernels",
-    "problems",
-    "bench",
-)
+    "README.md", "CONTRIBUTING.md", "SECURITY.md", "STABILITY.md", "eig3", "eig3/effects", "kernels",
+    "problems", "bench"
+)  # fmt: skip
 
 
 def prose(path):

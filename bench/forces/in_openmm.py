@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -90,47 +90,23 @@ def _of_pairs(name: str) -> Any:
     return force
 
 
-def _spring() -> Any:
+def _of_chain(kind: str, *given: Any, along: int = 2, numbers: Sequence[Any] = ()) -> Any:
+    """Return a force of OpenMM, made of what is given, with its bonds, angles or dihedrals along the chain."""
     import openmm
 
-    force = openmm.HarmonicBondForce()
-    for i, j in chains(2):
-        force.addBond(i, j, BOND[1], BOND[0])
-    return force
-
-
-def _bonds(potential: str) -> Any:
-    import openmm
-
-    force = openmm.CustomBondForce(potential)
-    for i, j in chains(2):
-        force.addBond(i, j, [])
-    return force
-
-
-def _angle() -> Any:
-    import openmm
-
-    force = openmm.HarmonicAngleForce()
-    for ids in chains(3):
-        force.addAngle(*ids, ANGLE[1], ANGLE[0])
-    return force
-
-
-def _torsion() -> Any:
-    import openmm
-
-    force = openmm.RBTorsionForce()
-    for ids in chains(4):
-        force.addTorsion(*ids, *TORSION)
+    force = getattr(openmm, kind)(*given)
+    add = {2: "addBond", 3: "addAngle", 4: "addTorsion"}[along]
+    for ids in chains(along):
+        getattr(force, add)(*ids, *numbers)
     return force
 
 
 _K, _CUBIC, _LENGTH = HARDENING
+_HARDENING = f"{_K / 2} * d^2 + {_K * _CUBIC / 4} * d^4; d = r - {_LENGTH}"
 _OF_THE_CHAIN: dict[str, Callable[[], Any]] = {
-    "spring": _spring,
-    "hardening": partial(_bonds, f"{_K / 2} * d^2 + {_K * _CUBIC / 4} * d^4; d = r - {_LENGTH}"),
-    "morse": partial(_bonds, _MORSE),
-    "angle": _angle,
-    "torsion": _torsion,
+    "spring": partial(_of_chain, "HarmonicBondForce", numbers=BOND[::-1]),
+    "hardening": partial(_of_chain, "CustomBondForce", _HARDENING, numbers=[[]]),
+    "morse": partial(_of_chain, "CustomBondForce", _MORSE, numbers=[[]]),
+    "angle": partial(_of_chain, "HarmonicAngleForce", along=3, numbers=ANGLE[::-1]),
+    "torsion": partial(_of_chain, "RBTorsionForce", along=4, numbers=TORSION),
 }

@@ -54,12 +54,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_methods(parser)
     add("--repeats", type=count, help=f"runs for each median ({_DEFAULTS.repeats})")
-    add(
-        "--longest",
-        type=float,
-        metavar="S",
-        help=f"halve the steps until a run takes this time ({_DEFAULTS.longest})",
-    )
+    add("--longest", type=float, metavar="S", help=f"halve the steps until a run takes this time ({_DEFAULTS.longest})")
     add("--mode", dest="modes", action="append", choices=MODES, help="only this mode; may be repeated")
     add(
         "--no-rivals", dest="rivals", action="store_false", default=None, help="leave out the solvers of other packages"

@@ -9,18 +9,6 @@ from collections.abc import Callable
 from functools import partial
 
 
-def _single_dof(symbols, u, v, p):
-    return [-p[0] * p[0] * u[0]]
-
-
-def _hardening_spring(symbols, u, v, p):
-    return [-p[0] * u[0] * (1.0 + p[1] * u[0] * u[0])]
-
-
-def _softening_spring(symbols, u, v, p):
-    return [-p[0] * symbols.tanh(u[0])]
-
-
 def _spring_pendulum(symbols, u, v, p):
     m, l0, k, g = p
     return [
@@ -63,10 +51,6 @@ def _duffing(symbols, u, v, p):
     return [gamma * symbols.cos(omega * symbols.time) - u[0] * (a + b * u[0] * u[0]) - delta * v[0]]
 
 
-def _van_der_pol(symbols, u, v, p):
-    return [p[0] * (1.0 - u[0] * u[0]) * v[0] - u[0]]
-
-
 def _arenstorf(symbols, u, v, p):
     (x, y), mu = u, p[0]
     to_earth, to_moon = x + mu, x - (1 - mu)
@@ -83,10 +67,6 @@ def _hertz_impact(symbols, u, v, p):
     touches = symbols.gt(symbols.par[0], 0.5)
     indentation = symbols.select(touches, -u[0], 1.0)
     return [symbols.select(touches, p[0] * indentation * symbols.sqrt(indentation), 0.0)]
-
-
-def _bouncing_ball(symbols, u, v, p):
-    return [symbols.expression(-p[0])]
 
 
 def _second_differences(u):
@@ -107,10 +87,6 @@ def _attractions(symbols, u, v, masses, dimension):
     return [symbols.sum(part) for part in parts]
 
 
-def _elastic_bar(symbols, u, v, p):
-    return [p[0] * bent for bent in _second_differences(u)]
-
-
 def _damped_bar(symbols, u, v, p):
     pairs = zip(_second_differences(u), _second_differences(v), strict=True)
     return [p[0] * bent + p[1] * rate for bent, rate in pairs]
@@ -124,20 +100,20 @@ def _hardening_chain(symbols, u, v, p):
 
 #: ``(symbols, u, v, params) -> accelerations``, by the name of the problem.
 EXPRESSIONS: dict[str, Callable] = {
-    "single_dof": _single_dof,
-    "hardening_spring": _hardening_spring,
-    "softening_spring": _softening_spring,
+    "single_dof": lambda symbols, u, v, p: [-p[0] * p[0] * u[0]],
+    "hardening_spring": lambda symbols, u, v, p: [-p[0] * u[0] * (1.0 + p[1] * u[0] * u[0])],
+    "softening_spring": lambda symbols, u, v, p: [-p[0] * symbols.tanh(u[0])],
     "spring_pendulum": _spring_pendulum,
     "henon_heiles": _henon_heiles,
     "rotor": _rotor,
     "kepler": _kepler,
     "double_pendulum": _double_pendulum,
     "duffing": _duffing,
-    "van_der_pol": _van_der_pol,
+    "van_der_pol": lambda symbols, u, v, p: [p[0] * (1.0 - u[0] * u[0]) * v[0] - u[0]],
     "arenstorf": _arenstorf,
     "hertz_impact": _hertz_impact,
-    "bouncing_ball": _bouncing_ball,
-    "elastic_bar": _elastic_bar,
+    "bouncing_ball": lambda symbols, u, v, p: [symbols.expression(-p[0])],
+    "elastic_bar": lambda symbols, u, v, p: [p[0] * bent for bent in _second_differences(u)],
     "damped_bar": _damped_bar,
     "hardening_chain": _hardening_chain,
     "figure_eight": partial(_attractions, dimension=2),

@@ -55,12 +55,7 @@ class Simulation:
     """
 
     def __init__(
-        self,
-        before: str,
-        after: str,
-        places: np.ndarray,
-        speeds: np.ndarray,
-        threads: int | None = None,
+        self, before: str, after: str, places: np.ndarray, speeds: np.ndarray, threads: int | None = None
     ) -> None:
         if not is_there():
             raise ImportError(INSTALL)

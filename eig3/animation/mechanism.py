@@ -215,7 +215,7 @@ class Mechanism(Geometry):
                 lines = draw.lines(color="0.35", linewidth=1.2 if len(links) <= _SIZES[1][0] else 0.4)
                 ends = x[:, links[numbers]]
                 shown = self._whole(numbers, film) & self._is_inside(ends) & np.isfinite(ends).all(axis=(2, 3))
-                movers.append(partial(_move_links, draw, lines, x, links[numbers], shown, shape))
+                movers.append(partial(_move_links, lines, x, links[numbers], shown, shape))
         return movers
 
     def _is_inside(self, ends: np.ndarray) -> Any:
@@ -251,7 +251,7 @@ def _move_trail(draw: Any, line: Any, x: np.ndarray, film: Film, seconds: float,
     draw.move(line, x[film.rows(i, seconds)])
 
 
-def _move_links(draw: Any, lines: Any, x: np.ndarray, links: np.ndarray, shown: np.ndarray, shape: Any, i: int) -> None:
+def _move_links(lines: Any, x: np.ndarray, links: np.ndarray, shown: np.ndarray, shape: Any, i: int) -> None:
     a, b = (x[i, links[shown[i], end]] for end in (0, 1))
     lines.set_segments(np.stack([a, b], axis=1) if shape is None else shape(a, b))
 

@@ -12,15 +12,7 @@ from . import bench, cache, plan, report, run, show, sweep
 
 __all__ = ["main"]
 
-_COMMANDS = {
-    "bench": bench,
-    "run": run,
-    "show": show,
-    "plan": plan,
-    "sweep": sweep,
-    "report": report,
-    "cache": cache,
-}
+_COMMANDS = {"bench": bench, "run": run, "show": show, "plan": plan, "sweep": sweep, "report": report, "cache": cache}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

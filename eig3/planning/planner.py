@@ -201,11 +201,7 @@ class Plan:
 @with_solution
 @with_suggestions()
 def plan(
-    problem: Problem,
-    accuracy: float,
-    *,
-    metric: str = "trajectory",
-    methods: Sequence[str | Method] | None = None,
+    problem: Problem, accuracy: float, *, metric: str = "trajectory", methods: Sequence[str | Method] | None = None
 ) -> Plan:
     """Find the method that reaches an accuracy over the whole span in the shortest time, and its step or tolerance.
 

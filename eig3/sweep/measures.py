@@ -17,13 +17,7 @@ from ..kernels.compile.source import define
 from ..problem import Problem
 from ..result.solution import Status
 
-KINDS = {
-    "max": "largest",
-    "min": "smallest",
-    "peak": "peak",
-    "end": "last",
-    "drift": "drift of",
-}
+KINDS = {"max": "largest", "min": "smallest", "peak": "peak", "end": "last", "drift": "drift of"}
 _COMPONENTS = re.compile(r"([uv])(\d*)(?:-\1(\d+))?")
 _OUTPUT = re.compile(r"(.+?)(?:\[(\d+)\])?")
 
