@@ -125,6 +125,14 @@ def harmonic_vector(t, u, v, p, a):
 
 
 linear_spring = eig3.jit(lambda t, u, v, p: -p[0] * u)
+
+
+@eig3.jit
+def linear_springs(t, u, v, p, a):
+    for j in range(u.size):
+        a[j] = -p[0] * u[j]
+
+
 falling = eig3.jit(lambda t, u, v, p: -p[0])
 rebound = eig3.jit(lambda t, u, v, p: (u, -0.5 * v))
 bounce = eig3.jit(lambda t, u, v, p: (u, -0.9 * v))

@@ -17,7 +17,7 @@ from eig3.ensembles.single_members import Singles
 from eig3.kernels.lanes import Layout, compile_rhs
 from eig3.kernels.protocol import SCALAR, VECTOR
 
-from .conftest import above_level, linear_spring
+from .conftest import above_level, linear_spring, linear_springs
 from .test_prepare import python_calls
 
 # Both sums are computed from the same formulas, but the compiler may fuse other multiply-adds for lanes: each step then
@@ -25,12 +25,6 @@ from .test_prepare import python_calls
 ROUND_OFF = 1e-11
 
 duffing = eig3.jit(lambda t, u, v, p: p[3] * eig3.math.cos(p[4] * t) - u * (p[0] + p[1] * u * u) - p[2] * v)
-
-
-@eig3.jit
-def springs(t, u, v, p, a):
-    for j in range(u.size):
-        a[j] = -p[0] * u[j]
 
 
 spring_energy = eig3.jit(lambda t, u, v, p: (v * v + p[0] * u * u) / 2)
@@ -353,8 +347,8 @@ def test_the_last_time_is_that_of_the_span():
 
 
 def test_arguments_are_broadcast():
-    shared = eig3.ensemble(springs, (0, 1), [1.0, 2.0], np.zeros((3, 2)), h=0.01, params=[4.0])
-    own = eig3.ensemble(springs, (0, 1), np.tile([1.0, 2.0], (3, 1)), [[0.0, 0.0]], h=0.01, params=[[4.0]])
+    shared = eig3.ensemble(linear_springs, (0, 1), [1.0, 2.0], np.zeros((3, 2)), h=0.01, params=[4.0])
+    own = eig3.ensemble(linear_springs, (0, 1), np.tile([1.0, 2.0], (3, 1)), [[0.0, 0.0]], h=0.01, params=[[4.0]])
     assert shared.u.shape == (3, 2, 2)
     assert_same(shared, own)
     assert eig3.ensemble(linear_spring, (0, 1), 1.0, 0.0, h=[0.1, 0.01], params=1.0).u.shape == (2, 2)
@@ -367,8 +361,8 @@ def test_arguments_are_broadcast():
         (linear_spring, {"v0": np.zeros(4)}, r"u0 has the shape \(3,\) and v0 the shape \(4,\), but their first axes"),
         (linear_spring, {"params": np.ones((5, 1))}, r"u0 has the shape \(3,\) and params the shape \(5, 1\)"),
         (linear_spring, {"h": [0.1, 0.2]}, r"u0 has the shape \(3,\) and h the shape \(2,\)"),
-        (springs, {"u0": np.ones((3, 2)), "v0": np.ones((3, 4))}, "their last axes are the degrees of freedom"),
-        (springs, {"u0": 1.0}, r"u0 must have the shape \(n,\) or \(m, n\)"),
+        (linear_springs, {"u0": np.ones((3, 2)), "v0": np.ones((3, 4))}, "their last axes are the degrees of freedom"),
+        (linear_springs, {"u0": 1.0}, r"u0 must have the shape \(n,\) or \(m, n\)"),
         (linear_spring, {"u0": np.ones((3, 2))}, r"u0 must have the shape \(\) or \(m,\)"),
         (linear_spring, {"params": np.ones((3, 1, 1))}, r"params must have the shape \(k,\) or \(m, k\)"),
         (linear_spring, {"params": [1.0, 2.0, 3.0]}, r"write params\[:, None\] for one parameter a member"),

@@ -6,13 +6,8 @@ import pytest
 import eig3
 from eig3 import integrate
 
-stiff = eig3.jit(lambda t, u, v, p: -p[0] * u)
-
-
-@eig3.jit
-def stiff_vector(t, u, v, p, a):
-    for j in range(u.size):
-        a[j] = -p[0] * u[j]
+from .conftest import linear_spring as stiff
+from .conftest import linear_springs as stiff_vector
 
 
 @eig3.jit

@@ -32,7 +32,7 @@ from eig3.bench.text import ratio as in_digits
 from eig3.cli import main
 from eig3.drawing import histories, time_panels
 
-from .conftest import ROOT
+from .conftest import ROOT, linear_springs
 from .test_users_report import exact, oscillator, spring
 
 pytestmark = pytest.mark.system
@@ -400,12 +400,6 @@ def test_without_repeats_nothing_is_marked():
     assert (ratio, noise) == (pytest.approx(2.0), math.inf)
 
 
-@eig3.jit
-def springs(t, u, v, p, a):
-    for i in range(u.size):
-        a[i] = -p[0] * u[i]
-
-
 def panels(problem, **options):
     """The labels and the legends of the panels that a report draws of the motion of a problem."""
     figure = Figure()
@@ -417,7 +411,7 @@ def panels(problem, **options):
 
 
 def test_the_motion_of_a_users_problem_has_its_names_and_units():
-    plain = eig3.Problem("plain", springs, [1.0, 0.5], [0.0, 0.0], [4.0], (0.0, 1.0))
+    plain = eig3.Problem("plain", linear_springs, [1.0, 0.5], [0.0, 0.0], [4.0], (0.0, 1.0))
     assert panels(plain) == [("displacement (m)", ["$u_{0}$", "$u_{1}$"]), ("velocity (m/s)", ["$u_{0}$", "$u_{1}$"])]
     assert panels(plain.with_(names=("x", "tilt"), units=("mm", "rad"))) == [
         ("displacement (mm)", ["x"]),
@@ -446,7 +440,7 @@ def test_a_users_problem_with_the_name_of_another_is_not_taken_for_it(tmp_path, 
     """And where the time is short, something is measured all the same."""
     monkeypatch.setattr(own_problem, "_INLINED", 0)
     monkeypatch.setattr(own_problem, "_TIMING", 0.0)
-    problem = eig3.Problem("kepler", springs, [1.0, 0.5], [0.0, 0.0], [4.0], (0.0, 20.0))
+    problem = eig3.Problem("kepler", linear_springs, [1.0, 0.5], [0.0, 0.0], [4.0], (0.0, 20.0))
     page = eig3.report(problem, tmp_path, accuracies=[1e-4], rivals=["heyoka", "scipy dop853"], repeats=1)
     (result,) = Record.open(page.parent).results
     assert result.source.startswith("RK8 with ")
