@@ -304,13 +304,17 @@ def is_built(p, place, d):
 
 @element
 def listed(p, place, start, end, d):
-    """Return the number of the first points whose pairs are in the list, up to `end`, if `start` is where it begins.
+    """Return up to which point, and up to `end`, the pairs from the point `start` on follow each other in the list.
 
-    Otherwise the pairs of the points before `start` have been looked at, and the list continues with the points that
-    follow: then it has one part, for which there is no room at once.
+    If there is no room for all pairs, the list has one part. If `start` is not where it begins, the pairs of the points
+    before have been looked at, and the list continues with the points that follow.
     """
-    if start == 0 or p[place + LISTED] == p[place + MASSES]:
-        return min(end, int64(p[place + LISTED]))
+    masses, parts = int64(p[place + MASSES]), int64(p[place + PARTS])
+    if start == 0 or p[place + LISTED] == masses:
+        for part in range(parts):
+            stop = bounds(masses, part, parts)[1]
+            if stop > start:  # the other parts have room of their own
+                return min(end, stop, int64(p[place + LISTED]))
     return pairs_of(p, place, start, end, np.int64(0), np.int64(0), int64(p[place + ROOM]), d)
 
 
