@@ -264,7 +264,7 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
     name = file_name(problem.name)
     columns = [f"{x}{j}" for x in "uv" for j in range(np.size(problem.u0))]
     taken = {"file", "t", "u", "v", *columns}  # an unknown may have any name, and NumPy takes the path as `file`
-    of_z = {f"z.{name}" if name in taken else name: x for name, x in solution.z.items()}
+    of_z: dict[str, Any] = {f"z.{name}" if name in taken else name: x for name, x in solution.z.items()}
     with files.writing(f"{name}.npz") as path:
         np.savez_compressed(path, t=t, u=u, v=v, **of_z)
     table = np.column_stack([t, u, v, *(np.reshape(x, (len(t), -1)) for x in of_z.values())])

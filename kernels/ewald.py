@@ -44,6 +44,8 @@ def sum_of_waves(p, place):
     forces, table = floats(p, place + FORCES, 3 * count), floats(p, place + FORCES + 3 * count, size)
     turns = place + FORCES + 3 * count + size
     ones, others, energy = batch(), batch(), 0.0
+    for j in range(3 * count):
+        forces[j] = 0.0  # the first wave sets them, but 0 times a NaN of an earlier state would be NaN
     for k in range(0, size, _OF_WAVE):
         table[k + _REAL] = table[k + _IMAGINARY] = 0.0
     for begin in range(0, count, BATCH):

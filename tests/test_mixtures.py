@@ -66,6 +66,15 @@ def test_ewalds_force_is_the_gradient():
         assert a[k] == pytest.approx(-(energies[1] - energies[0]) / (2 * h), rel=1e-5, abs=1e-6)
 
 
+def test_ewalds_forces_forget_a_state_that_was_not_finite():
+    """A run with tolerances rejects a step to such a state, and goes on with a shorter one."""
+    problem = rock_salt(4, lambda q: Ewald(1.0, q, 1.9))
+    params, a = problem.params.copy(), np.empty(problem.u0.size)
+    for u in (problem.u0, np.full(a.size, np.nan), problem.u0):
+        problem.rhs(0.0, u, problem.v0, params, a)
+    np.testing.assert_array_equal(a, acceleration(problem, problem.u0, problem.v0))
+
+
 def test_ewalds_energy_leaves_out_what_fixed_charges_share_up_to_the_cutoff():
     """As the docstring says; the sum over the waves has all charges."""
     effect, energies = Ewald(2.0, [1.0, 0.5, -1.5], 2.0, 1e-8), []
