@@ -175,6 +175,19 @@ def test_a_jump_of_the_force_lowers_the_order_from_there_on():
     assert note in repr(solution)
 
 
+@eig3.jit
+def ramp(t, u, v, p):
+    return max(0.0, t - p[0]) - u
+
+
+def test_coarser_runs_that_show_the_order_by_chance_are_not_believed():
+    """From the corner of the force on, u is t - t1 - sin(t - t1). It was 13 % of the error."""
+    corner = 2 + 117 / 401
+    solution = eig3.integrate(ramp, (0, 10), 0.0, 0.0, h=0.05, method="rk4", params=[corner], check=True)
+    after = np.maximum(0.0, solution.t - corner)
+    assert solution.error.largest["u"] > 0.5 * np.abs(solution.u - after + np.sin(after)).max()
+
+
 def test_round_off_is_named():
     solution = eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, h=1e-3, method="rk8", check=True)
     assert any("round-off" in note for note in solution.error.notes)
