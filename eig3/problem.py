@@ -333,9 +333,10 @@ class Problem:
             raise ValueError(f"{path} has a run with {n} degrees of freedom, which is not one of {self.name}.")
         options = self._own_functions(found, options)
         options["invariants"] = self._balanced(options.get("invariants"))
-        options |= {"labels": self.labels, "first_order": self.unknowns}
+        labels = Labels.of(self.labels, found.labels.columns if found.labels else ())
+        options |= {"labels": labels, "first_order": self.unknowns}
         solution = with_functions(found, self.rhs, outputs=outputs, jacobian=jacobian, **options)
-        solution.labels = self.labels
+        solution.labels = labels
         return solution
 
     def _own_functions(self, found: Solution | EnsembleSolution, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -102,9 +102,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         "rhs": functions["rhs"],
         "energy": functions.get("energy"),
         "events": writing.events_of(functions, assembly.events),
-        "outputs": {"reactions": (functions["reactions"], len(assembly.constraints.names))}
-        if assembly.constraints
-        else {},
+        "outputs": {"reactions": (functions["reactions"], assembly.constraints.rows)} if assembly.constraints else {},
         "params": source.params,
     }
 
