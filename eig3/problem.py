@@ -181,6 +181,7 @@ class Problem:
             longest_step(records_of(own["rhs"]), params, np.size(u0))  # checks the parameters
         for name, value in own.items():
             object.__setattr__(self, name, value)  # the dataclass is frozen
+        self._refuse_moving_states(v0)
 
     @cached_property
     def _longest_step(self) -> float:
@@ -388,6 +389,7 @@ class Problem:
         """
         options = self._with_own(options, "ensemble")
         start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
+        self._refuse_moving_states(start[1])
         span = self.t_span[0], self.t_span[1] if t_end is None else t_end
         if self._layout:
             params = of_members({} if params is None else params, self.params)
@@ -778,6 +780,16 @@ class Problem:
         if new.shape != old:
             raise ValueError(f"{name} must keep its shape {old} in {self.name}, not have the shape {new.shape}.")
         return new
+
+    def _refuse_moving_states(self, v0: Any) -> None:
+        """Refuse velocities of the states of effects, which are degrees of freedom that only events change."""
+        if self.masses is None or isinstance(self.units, str) or np.shape(v0)[-1:] != (len(self.units),):
+            return
+        is_state = np.isinf(self.masses) & (np.array(self.units) == "-")
+        moving = np.flatnonzero(is_state & (np.reshape(v0, (-1, is_state.size)) != 0).any(axis=0))
+        if moving.size:
+            name = self.names[moving[0]]
+            raise ValueError(f"v0 must be 0 in the degree of freedom {name}, a state that only events change.")
 
     def _with_z0(self, changes: Any) -> Any:
         """Return the first-order unknowns at the start, some of which a dictionary changes."""
