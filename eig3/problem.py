@@ -101,7 +101,8 @@ class Problem:
     t_span : (float, float)
     energy : jitted function, optional
         ``energy(t, u, v, p) -> float``, constant along the exact solution. `integrate` evaluates it as the invariant
-        "energy", after about every hundredth step.
+        "energy", after about every hundredth step. If a scene or a structure follows the work, it is the energy minus
+        the work, also as an output: `energy_of` has the energy alone.
     energy_unit : str
         Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
     units : str or tuple of str
