@@ -27,7 +27,7 @@ from .functions.guard import guarded
 from .functions.layout import Layout
 from .functions.named import Parameters, has_names, in_layout, named
 from .functions.quantities import EnergyLessWork
-from .functions.records import longest_step, records_of
+from .functions.records import check_left_out, left_out_of, longest_step, records_of
 from .geometry import Geometry
 from .kernels.protocol import SCALAR, VECTOR
 from .keywords import suggestion, with_suggestions
@@ -782,6 +782,8 @@ class Problem:
         new = check_params(value) if name == "params" else reals(value, name)
         if new.shape != old:
             raise ValueError(f"{name} must keep its shape {old} in {self.name}, not have the shape {new.shape}.")
+        if name == "params":
+            check_left_out(left_out_of(self.rhs), new)
         return new
 
     def _refuse_moving_states(self, v0: Any) -> None:
