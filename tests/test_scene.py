@@ -4,7 +4,6 @@ import inspect
 import math
 import pickle
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import pytest
@@ -557,10 +556,9 @@ def test_components_that_the_code_leaves_out_must_be_zero():
         return scene.problem((0.0, 1.0))
 
     level, slope = falling_by(0.0, -8.0), falling_by(2.0, -6.0)
-    run = level.prepare(h=0.25)
-    for call in (level.with_, run, partial(level.ensemble, h=0.25)):
+    for call in (level.with_, level.prepare(h=0.25), lambda params: level.ensemble(params=[params], h=0.25)):
         with pytest.raises(ValueError, match=r"params must be 0 at \[\.\.\., 1\]: a component of a vector"):
-            call(params=np.array(slope.params))
+            call(params=slope.params)
     members = slope.ensemble(params=[level.params, slope.params], h=0.25, method="rk4")
     assert members.u[:, -1].tolist() == [[0.0, -4.0], [1.0, -3.0]]
 
