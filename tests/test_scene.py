@@ -4,6 +4,7 @@ import inspect
 import math
 import pickle
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pytest
@@ -561,6 +562,23 @@ def test_components_that_the_code_leaves_out_must_be_zero():
             call(params=slope.params)
     members = slope.ensemble(params=[level.params, slope.params], h=0.25, method="rk4")
     assert members.u[:, -1].tolist() == [[0.0, -4.0], [1.0, -3.0]]
+
+
+def test_scenes_whose_points_share_a_value_have_other_parameters():
+    """Members with fewer parameters took some of them for others."""
+
+    def two(masses):
+        scene = Scene(1)
+        scene.add(LinearSpring(3.0, 1.0), *scene.mass(masses, [0.0, 1.5]))
+        return scene.problem((0.0, 1.0))
+
+    same, other = two([1.0, 1.0]), two([1.0, 2.0])
+    for call in (
+        partial(other.ensemble, h=0.1, params=[same.params] * 2),
+        partial(other.prepare(h=0.1), params=same.params),
+    ):
+        with pytest.raises(ValueError, match="params must have 4 values, as in the scene of this problem, not 3"):
+            call()
 
 
 def test_a_motion_is_the_same_for_all_its_points():

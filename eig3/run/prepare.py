@@ -16,7 +16,7 @@ from ..functions.checks import check_flag, check_params, check_resolution, check
 from ..functions.first_order import check_z0
 from ..functions.guard import guarded
 from ..functions.named import WITHOUT_NAMES, has_names, in_layout, named
-from ..functions.records import check_left_out, left_out_of, longest_step, records_of
+from ..functions.records import check_left_out, check_size, left_out_of, longest_step, records_of
 from ..functions.rules import Rules
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR, Form
@@ -156,7 +156,8 @@ class Prepared:
             params = in_layout(self.options.layout, params)
         span, p, longest = check_span(span), guarded(check_params(params)), math.inf
         is_own = bool(self._defaults) and params is self._defaults[3]
-        if self._left_out is not None and not is_own:
+        if self._left_out is not None and self._defaults and not is_own:
+            check_size(self._system.rhs, p, np.size(self._defaults[3]))
             check_left_out(self._left_out, p)
         if self._records or self.rules:
             n = u.size - self._system.first_order.size

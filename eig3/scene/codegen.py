@@ -89,8 +89,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         functions["rhs"].py_func.shares = Shares(functions["share"], source.team, assembly.n)
     if source.records:
         functions["rhs"].py_func.records = Records(functools.partial(tables, tuple(source.records)))
-    if source.left_out:
-        functions["rhs"].py_func.left_out = np.array(source.left_out)
+    functions["rhs"].py_func.left_out = np.array(source.left_out, dtype=int)
     if assembly.constraints:
         keeping = functions["projection"], functions["constrained_step"]
         place = writing.place_of_constraints
