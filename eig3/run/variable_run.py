@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.singular_position import AT_SINGULAR, is_singular
-from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
+from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness, vibration
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
@@ -298,11 +298,13 @@ class VariableRun(Run):
         return [*notes, stiff] if stiff else notes
 
     def _stiffness(self) -> str:
-        """Describe a stiff motion; empty if the run is short or not stiff."""
+        """Describe what limits the steps in place of the tolerance; empty if the run is short, or nothing does."""
         stepper = self.stepper
-        if stepper.index < MANY_STEPS or not stepper.system.callback.reads_velocity or stepper.system.history:
+        may_be_stiff, may_vibrate = stepper.system.callback.reads_velocity, stepper.n > 1
+        if stepper.index < MANY_STEPS or stepper.system.history or not (may_be_stiff or may_vibrate):
             return ""
-        return stiffness(stepper.running, stepper.acceleration, self._states_of_steps(), "rtol")
+        given = stepper.running, stepper.acceleration, [*self._states_of_steps()]
+        return (may_be_stiff and stiffness(*given, "rtol")) or (may_vibrate and vibration(*given)) or ""
 
     def _states_of_steps(self) -> Iterator[tuple[float, Any, Any, float]]:
         """Return some states with their steps, at equal numbers of steps, and the last state after a whole step."""
