@@ -19,6 +19,8 @@ from .linearisation import fast_rates
 
 #: A shorter run is faster than a run with an implicit method.
 MANY_STEPS = 2000
+#: The search for a vibration takes a small part of the time of such a run.
+VERY_MANY_STEPS = 20_000
 #: Number of states in the test.
 STATES = 16
 _MOST = 0.75  # least fraction of stiff states
@@ -74,6 +76,8 @@ def vibration(method: Method, f: Callable, states: Iterable[tuple[float, Any, An
         if not most * np.median(h) ** 2 < _SMOOTH * way:
             return ""
         with np.errstate(over="ignore", invalid="ignore"):
+            if abs(_fastest(fast_rates(f, *states[-1]))) < _LEAST:
+                return ""
             rates = np.array([_fastest(fast_rates(f, *state)) for state in states])
     except Exception:  # rhs may fail beyond the states of the motion
         return ""

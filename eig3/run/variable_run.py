@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.singular_position import AT_SINGULAR, is_singular
-from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness, vibration
+from ..diagnosis.stiffness import MANY_STEPS, STATES, VERY_MANY_STEPS, stiffness, vibration
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
@@ -300,8 +300,9 @@ class VariableRun(Run):
     def _stiffness(self) -> str:
         """Describe what limits the steps in place of the tolerance; empty if the run is short, or nothing does."""
         stepper = self.stepper
-        may_be_stiff, may_vibrate = stepper.system.callback.reads_velocity, stepper.n > 1
-        if stepper.index < MANY_STEPS or stepper.system.history or not (may_be_stiff or may_vibrate):
+        may_be_stiff = stepper.index >= MANY_STEPS and stepper.system.callback.reads_velocity
+        may_vibrate = stepper.index >= VERY_MANY_STEPS and stepper.n > 1
+        if stepper.system.history or not (may_be_stiff or may_vibrate):
             return ""
         given = stepper.running, stepper.acceleration, [*self._states_of_steps()]
         return (may_be_stiff and stiffness(*given, "rtol")) or (may_vibrate and vibration(*given)) or ""
