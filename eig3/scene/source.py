@@ -125,8 +125,10 @@ class Source(Writer):
 
     Attributes
     ----------
+    parts : list of ndarray
+        The values of p so far.
     size : int
-        The size of p so far.
+        Their number.
     functions : dict of str to jitted function
         The functions by their names in the source.
     weight : Column
@@ -148,7 +150,7 @@ class Source(Writer):
 
     def __init__(self, assembly: Assembly) -> None:
         super().__init__()
-        self._parts: list[np.ndarray] = []
+        self.parts: list[np.ndarray] = []
         self.size = 0
         self.left_out: list[int] = []
         self._wanted: list[str] = []  # names, by the numbers that replace them until the source is written
@@ -167,13 +169,13 @@ class Source(Writer):
     @property
     def params(self) -> np.ndarray:
         """The array p."""
-        return np.concatenate(self._parts)
+        return np.concatenate(self.parts)
 
     def add(self, values: np.ndarray) -> int:
         """Append to p; return the place."""
-        self._parts.append(np.ravel(values).astype(np.float64))
-        self.size += self._parts[-1].size
-        return self.size - self._parts[-1].size
+        self.parts.append(np.ravel(values).astype(np.float64))
+        self.size += self.parts[-1].size
+        return self.size - self.parts[-1].size
 
     def column(self, values: np.ndarray, is_place: bool = False) -> Column:
         """Append a parameter of members to p."""
