@@ -564,7 +564,7 @@ def test_components_that_the_code_leaves_out_must_be_zero():
 
 
 def test_parameters_of_a_scene_with_another_structure_are_refused():
-    """With as many values, they were taken for others. The last mass may be joined to the first, or on its other side."""
+    """With as many values, they were taken for others. The last mass may be on the other side."""
 
     def three(masses, stiffness, joined=1, place=2.5):
         scene = Scene(1)

@@ -111,7 +111,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
 
 
 def _number_of(assembly: Assembly, source: Source) -> float:
-    """Return a number from 0 to 1 by which scenes of another structure differ: sizes of parameters, effects and points."""
+    """Return a number from 0 to 1 that depends on the sizes of the parameters, the effects and their points."""
     groups = assembly.bodies + assembly.links
     effects = [(group.sign, *(law.effect.title for law in group.laws)) for group in groups]
     effects += [(1, mesh.effect.title) for mesh in assembly.meshes]
