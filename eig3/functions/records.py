@@ -73,7 +73,7 @@ def check_scene(code: SceneCode | None, params: np.ndarray) -> None:
     """Refuse parameters, shape (k,) or (m, k), that a scene with this code cannot have."""
     if code is None:
         return
-    if not (params[..., -1:] == code.number).all() or not params.size:
+    if not params.size or not (params[..., -1] == code.number).all():
         raise ValueError(
             "params must come from scenes with the same effects between the same points as this problem, in the same "
             "order on a line. An array with the same value for all points is kept as one value: let all of the scenes "
