@@ -27,7 +27,7 @@ from .functions.guard import guarded
 from .functions.layout import Layout
 from .functions.named import Parameters, has_names, in_layout, named
 from .functions.quantities import EnergyLessWork
-from .functions.records import check_scene, longest_step, records_of, scene_code_of
+from .functions.records import check_left_out, check_size, left_out_of, longest_step, records_of
 from .geometry import Geometry
 from .kernels.protocol import SCALAR, VECTOR
 from .keywords import suggestion, with_suggestions
@@ -396,6 +396,7 @@ class Problem:
             params = of_members({} if params is None else params, self.params)
         elif params is not None:
             self._refuse_names(params)
+            check_size(self.rhs, params, np.size(self.params))
         else:
             params = check_params(self.params)
             given: Any = (self.u0, u0), (self.v0, v0), (0.0, 0.0 if h is None else h)
@@ -783,7 +784,7 @@ class Problem:
         if new.shape != old:
             raise ValueError(f"{name} must keep its shape {old} in {self.name}, not have the shape {new.shape}.")
         if name == "params":
-            check_scene(scene_code_of(self.rhs), new)
+            check_left_out(left_out_of(self.rhs), new)
         return new
 
     def _refuse_moving_states(self, v0: Any) -> None:

@@ -4,6 +4,7 @@ import inspect
 import math
 import pickle
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pytest
@@ -490,7 +491,7 @@ def test_the_code_of_a_scene_names_its_effects_only():
     assert "gravity" in text
     assert "linear_spring" in text
     assert not [name for name in ("damper", "drag", "contact", "friction", "velocity", "power") if name in text]
-    assert len(problem.params) == 1 + 2 + 2 + 2 + 1  # inverse mass, field, spring, pivot, number of the code
+    assert len(problem.params) == 1 + 2 + 2 + 2  # inverse mass, field, spring, pivot
     assert not problem.uses_velocity
     assert "central difference takes one evaluation" in problem.note
     assert problem.integrate(h=1e-3, method="cd").n_rhs == 5001
@@ -563,26 +564,21 @@ def test_components_that_the_code_leaves_out_must_be_zero():
     assert members.u[:, -1].tolist() == [[0.0, -4.0], [1.0, -3.0]]
 
 
-def test_parameters_of_a_scene_with_another_structure_are_refused():
-    """With as many values, they were taken for others. The last mass may be on the other side."""
+def test_scenes_whose_points_share_a_value_have_other_parameters():
+    """Members with fewer parameters took some of them for others."""
 
-    def three(masses, stiffness, joined=1, place=2.5):
+    def two(masses):
         scene = Scene(1)
-        points = scene.mass(masses, [0.0, 1.5, place])
-        scene.add(LinearSpring(stiffness, 1.0), points[[0, joined]], points[[1, 2]])
+        scene.add(LinearSpring(3.0, 1.0), *scene.mass(masses, [0.0, 1.5]))
         return scene.problem((0.0, 1.0))
 
-    heavy = [1.0, 2.0, 2.0]
-    problem = three(heavy, 3.0)
-    others = three([2.0] * 3, 3.0), three(heavy, 3.0, joined=0), three(heavy, 3.0, place=0.5)
-    for params in (other.params for other in others):
-        for call in (problem.prepare(h=0.1), lambda params: problem.ensemble(params=[params, params], h=0.1)):
-            with pytest.raises(ValueError, match="params must come from scenes with the same effects between the same"):
-                call(params=params)
-    one, two = three(heavy, 5.0), three([1.0, 3.0, 2.0], 4.0)
-    members = problem.ensemble(params=[one.params, two.params], h=0.1, method="rk4")
-    for found, own in zip(members.u, (one, two), strict=True):
-        np.testing.assert_allclose(found[-1], own.integrate(h=0.1, method="rk4").u[-1], rtol=1e-14)
+    same, other = two([1.0, 1.0]), two([1.0, 2.0])
+    for call in (
+        partial(other.ensemble, h=0.1, params=[same.params] * 2),
+        partial(other.prepare(h=0.1), params=same.params),
+    ):
+        with pytest.raises(ValueError, match="params must have 4 values, as in the scene of this problem, not 3"):
+            call()
 
 
 def test_a_motion_is_the_same_for_all_its_points():

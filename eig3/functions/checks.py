@@ -177,6 +177,8 @@ def reals(value: Any, name: str) -> np.ndarray:
             raise TypeError
         return np.array(array, dtype=np.float64, order="C")
     except ValueError:
-        raise TypeError(f"{name} must have rows of the same length, not {shown(value)}.") from None
+        raise TypeError(
+            f"{name} must be made of real numbers, not {shown(value)} with rows of other lengths."
+        ) from None
     except TypeError:
         raise TypeError(f"{name} must be made of real numbers, not {shown(value)}.") from None

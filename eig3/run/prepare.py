@@ -16,7 +16,7 @@ from ..functions.checks import check_flag, check_params, check_resolution, check
 from ..functions.first_order import check_z0
 from ..functions.guard import guarded
 from ..functions.named import WITHOUT_NAMES, has_names, in_layout, named
-from ..functions.records import check_scene, longest_step, records_of, scene_code_of
+from ..functions.records import check_left_out, check_size, left_out_of, longest_step, records_of
 from ..functions.rules import Rules
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR, Form
@@ -81,7 +81,7 @@ class Prepared:
         self.options = options
         self._system: System = remembered(rhs, form, options)
         records = records_of(rhs)
-        self._scene_code = scene_code_of(rhs)
+        self._left_out = left_out_of(rhs)
         self._records = records if records and (records.check or options.tolerances) else None
         self.rules = (Rules(options.events, self._system.event_table) or None) if options.events else None
         self._tolerances: dict[int, Tolerances] = {}
@@ -156,8 +156,9 @@ class Prepared:
             params = in_layout(self.options.layout, params)
         span, p, longest = check_span(span), guarded(check_params(params)), math.inf
         is_own = bool(self._defaults) and params is self._defaults[3]
-        if self._scene_code and not is_own:
-            check_scene(self._scene_code, p)
+        if self._left_out is not None and self._defaults and not is_own:
+            check_size(self._system.rhs, p, np.size(self._defaults[3]))
+            check_left_out(self._left_out, p)
         if self._records or self.rules:
             n = u.size - self._system.first_order.size
             longest = self._longest if is_own else longest_step(self._records, params, n)

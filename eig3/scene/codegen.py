@@ -15,7 +15,6 @@ from __future__ import annotations
 import functools
 import math
 import re
-import zlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -26,7 +25,7 @@ from ..functions.callbacks import jit
 from ..functions.companions import Constraints, History
 from ..functions.events import EffectEvent, Event
 from ..functions.families import Family
-from ..functions.records import Records, SceneCode
+from ..functions.records import Records
 from ..kernels import team
 from ..kernels.compile.jit import code_address, with_symbol
 from ..kernels.compile.source import define
@@ -90,8 +89,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         functions["rhs"].py_func.shares = Shares(functions["share"], source.team, assembly.n)
     if source.records:
         functions["rhs"].py_func.records = Records(functools.partial(tables, tuple(source.records)))
-    code = SceneCode(_number_of(assembly, source), np.array(source.left_out, dtype=int))
-    functions["rhs"].py_func.scene_code = code
+    functions["rhs"].py_func.left_out = np.array(source.left_out, dtype=int)
     if assembly.constraints:
         keeping = functions["projection"], functions["constrained_step"]
         place = writing.place_of_constraints
@@ -106,20 +104,8 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         "energy": functions.get("energy"),
         "events": writing.events_of(functions, assembly.events),
         "outputs": {"reactions": (functions["reactions"], assembly.constraints.rows)} if assembly.constraints else {},
-        "params": np.append(source.params, code.number),
+        "params": source.params,
     }
-
-
-def _number_of(assembly: Assembly, source: Source) -> float:
-    """Return a number from 0 to 1 that depends on the sizes of the parameters, the effects and their points."""
-    groups = assembly.bodies + assembly.links
-    effects = [(group.sign, *(law.effect.title for law in group.laws)) for group in groups]
-    effects += [(1, mesh.effect.title) for mesh in assembly.meshes]
-    number = zlib.crc32(repr(([part.size for part in source.parts], effects)).encode())
-    points = [x for group in groups for x in (group.first, group.second, group.moved) if x is not None]
-    for numbers in (*points, *(x for mesh in assembly.meshes for x in mesh.points)):
-        number = zlib.crc32(numbers.astype(np.int64).tobytes(), number)
-    return number / 2**32
 
 
 @functools.lru_cache(maxsize=256)

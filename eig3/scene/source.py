@@ -125,10 +125,8 @@ class Source(Writer):
 
     Attributes
     ----------
-    parts : list of ndarray
-        The values of p so far.
     size : int
-        Their number.
+        The size of p so far.
     functions : dict of str to jitted function
         The functions by their names in the source.
     weight : Column
@@ -150,7 +148,7 @@ class Source(Writer):
 
     def __init__(self, assembly: Assembly) -> None:
         super().__init__()
-        self.parts: list[np.ndarray] = []
+        self._parts: list[np.ndarray] = []
         self.size = 0
         self.left_out: list[int] = []
         self._wanted: list[str] = []  # names, by the numbers that replace them until the source is written
@@ -169,13 +167,13 @@ class Source(Writer):
     @property
     def params(self) -> np.ndarray:
         """The array p."""
-        return np.concatenate(self.parts)
+        return np.concatenate(self._parts)
 
     def add(self, values: np.ndarray) -> int:
         """Append to p; return the place."""
-        self.parts.append(np.ravel(values).astype(np.float64))
-        self.size += self.parts[-1].size
-        return self.size - self.parts[-1].size
+        self._parts.append(np.ravel(values).astype(np.float64))
+        self.size += self._parts[-1].size
+        return self.size - self._parts[-1].size
 
     def column(self, values: np.ndarray, is_place: bool = False) -> Column:
         """Append a parameter of members to p."""
