@@ -20,7 +20,7 @@ from .ensembles.ensemble import ensemble
 from .ensembles.named_members import of_members
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import check_callback, reads_velocity
-from .functions.checks import check_method, check_params, check_span, check_state, reals, shown
+from .functions.checks import check_method, check_params, check_span, check_state, reals
 from .functions.events import EffectEvent, Event
 from .functions.first_order import NONE, FirstOrder, check_z0
 from .functions.guard import guarded
@@ -638,7 +638,8 @@ class Problem:
     def _check_own(self, solution: Any) -> None:
         """Refuse what is no solution, and a solution with another number of degrees of freedom if points are shown."""
         if not isinstance(solution, Solution):
-            raise TypeError(f"solution must be one run, such as solution[0] of an ensemble, not {shown(solution)}.")
+            given = type(solution).__name__
+            raise TypeError(f"solution must be a Solution, such as a member ensemble[0], not {given}.")
         own, has_points = np.shape(self.u0), self.view and self.shown_geometry
         if has_points and solution.u.shape[1:] != own:
             given = solution.u.shape[1:]
