@@ -638,8 +638,8 @@ class Problem:
     def _check_own(self, solution: Any) -> None:
         """Refuse what is no solution, and a solution with another number of degrees of freedom if points are shown."""
         if not isinstance(solution, Solution):
-            given = type(solution).__name__
-            raise TypeError(f"solution must be a Solution, such as a member ensemble[0], not {given}.")
+            kind = type(solution).__name__
+            raise TypeError(f"solution must be a Solution, such as a member ensemble[0], not {kind}.")
         own, has_points = np.shape(self.u0), self.view and self.shown_geometry
         if has_points and solution.u.shape[1:] != own:
             given = solution.u.shape[1:]
