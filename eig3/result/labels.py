@@ -42,6 +42,10 @@ class Labels:
             return f"{letter}{i}"
         return self.names[i] if letter == "u" else f"{letter}_{self.names[i]}"
 
+    def place(self, i: int) -> str:
+        """Return the degree of freedom i in words, with its name if it has one."""
+        return f"degree of freedom {i}" + (f" ({self.names[i]})" if i < len(self.names) else "")
+
     def unit(self, letter: str, i: int = 0) -> str:
         """Return the unit of "u" or "v" in the degree of freedom i."""
         unit = self.units if isinstance(self.units, str) else self.units[i]

@@ -17,6 +17,7 @@ from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
 from ..result.error_estimate import Companion, ErrorEstimate, estimate
+from ..result.labels import Labels
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import going_on
 from ..stepping.march import Cancel
@@ -234,7 +235,8 @@ class VariableRun(Run):
                 return f"{self.message} rhs raises {type(error).__name__} at t = {t:g}."
             if not np.isfinite(a).all():
                 bad = int(np.argmin(np.isfinite(a)))
-                return f"{self.message} rhs gives {a[bad]} for degree of freedom {bad} at t = {t:g}."
+                place = (stepper.system.labels or Labels()).place(bad)
+                return f"{self.message} rhs gives {a[bad]} for {place} at t = {t:g}."
         sizes = np.abs(stepper.state[:3]).max(axis=1)
         return (
             f"{self.message} rhs is finite there: the largest |u| is {sizes[0]:.3g}, the largest |v| {sizes[1]:.3g}, "
