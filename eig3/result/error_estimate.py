@@ -29,7 +29,7 @@ _CONVERGING = 0.2  # the orders are measured up to this difference from the coar
 _NEAR_ROUND_OFF = "The differences of the runs are near round-off: shorter steps do not help."
 _STEPS = {"two thirds of": 2 / 3, "half": 1 / 2, "twice": 2.0, "four times": 4.0}  # of compared runs, as ratios
 _CLEAR = 0.1  # largest difference from the order of the method with which coarser runs alone give the error
-_IN_PROPORTION = 0.9  # least cosine of the angle between their differences; smooth motions show 0.98 and more
+_IN_PROPORTION = 0.95  # least cosine of the angle between two differences; smooth motions show 0.98 and more
 _NO_DIGIT = 0.5  # an error of this fraction of the motion: no digit is right
 _FEW_COLUMNS = 16
 _MANY_STEPS = 100  # fewer steps may not be more with a smaller tolerance
@@ -251,7 +251,7 @@ def clear_estimate(solution: Any, near: Companion, far: Companion) -> ErrorEstim
     observed = None if seen is None else float(_order(seen, far.ratio, near.ratio))
     if observed is None or abs(observed - solution.method.order) > _CLEAR or not differences.is_whole:
         return None
-    if differences.cosine() < _IN_PROPORTION:
+    if not differences.are_in_proportion:
         return None
     error = estimate(solution, near, far, coarser=near.ratio**observed)
     return None if error.notes else error
@@ -341,9 +341,11 @@ class Differences(NamedTuple):
             return None
         return coarse / fine if fine else math.inf
 
-    def cosine(self) -> float:
-        """The cosine of the angle between all differences from the finer and from the coarser run."""
-        return float(self.products.sum() / (np.linalg.norm(self.fine) * np.linalg.norm(self.coarse)))
+    @property
+    def are_in_proportion(self) -> bool:
+        """Whether the differences from two coarser runs have one direction, as in a smooth motion."""
+        sizes = float(np.linalg.norm(self.fine) * np.linalg.norm(self.coarse))
+        return float(self.products.sum()) >= _IN_PROPORTION * sizes
 
 
 def _by_tolerances(seen: float | None, is_tiny: bool, notes: list[str]) -> float:
