@@ -189,8 +189,8 @@ def test_coarser_runs_that_show_the_order_by_chance_are_not_believed():
 
 
 def test_later_calls_with_a_fixed_step_estimate_their_own_error():
-    """The corner of the force is elsewhere in each call. With the order of an earlier call and one coarser run, a quarter
-    of the estimates were below a third of the error. By chance, about 1 of 100 is.
+    """The corner of the force is elsewhere in each call. With the order of an earlier call, a quarter of the
+    estimates were below a third of the error. By chance, about 1 of 100 is.
     """
     ratios = []
     for corner in 2 + 3 * np.arange(1, 41) / 401:
