@@ -74,16 +74,19 @@ def test_several_errors_can_be_bounded():
 
 
 def test_what_was_learned_is_kept(monkeypatch):
-    """The second call begins with the step that reached the accuracy, and compares it with the same coarser runs."""
+    """The second call begins with the step that reached the accuracy, and compares it with one coarser run."""
     seen = runs_of(monkeypatch)
     first = run(accuracy=1e-6, method="eig3")
     searched = len(seen)
     again = run(accuracy=1e-6, method="eig3")
     assert searched > 1
     assert len(seen) == searched + 1
-    assert first.error.by == again.error.by == "a run with twice the step and a run with four times the step"
+    assert (first.error.by, again.error.by) == (
+        "a run with twice the step and a run with four times the step",
+        "a run with twice the step",
+    )
     np.testing.assert_array_equal(again.u, first.u)
-    np.testing.assert_array_equal(again.error.u, first.error.u)
+    np.testing.assert_allclose(again.error.u, first.error.u, rtol=0.01, atol=1e-3 * first.error.largest["u"])
 
 
 @pytest.mark.parametrize("accuracy", [1e-4, 1e-7])

@@ -20,6 +20,7 @@ from ..run.accuracy import (
     WITH_TOLERANCES,
     Deadline,
     Goal,
+    Known,
     check_accuracy_names,
     first_rtol,
     learned,
@@ -72,7 +73,7 @@ def reach_members(
             raise ValueError(f"accuracy of {name!r} in an ensemble needs t_eval, or save_every=None.")
     assert options.tolerances
     known, key = learned(rhs), ("ensemble", options.method, *sorted(goal.wanted.items()), goal.scale)
-    rtol, deadline = known[key] if key in known else first_rtol(goal), Deadline(goal, cancel)
+    rtol, deadline = known[key].value if key in known else first_rtol(goal), Deadline(goal, cancel)
     best: tuple[tuple[int, float], EnsembleSolution, np.ndarray] | None = None
     stalled, reason = 0, f"{MOST_RUNS} runs were not enough"
     for _ in range(MOST_RUNS):
@@ -90,7 +91,7 @@ def reach_members(
             return solution
         missing = misses[misses > 1]
         if not len(missing):
-            known[key] = rtol
+            known[key] = Known(rtol, None)
             return solution
         rank = len(missing), float(np.median(missing))
         is_better = best is None or rank[0] < best[0][0] or rank[1] < LEAST_GAIN * best[0][1]

@@ -29,6 +29,7 @@ _CONVERGING = 0.2  # the orders are measured up to this difference from the coar
 _NEAR_ROUND_OFF = "The differences of the runs are near round-off: shorter steps do not help."
 _STEPS = {"two thirds of": 2 / 3, "half": 1 / 2, "twice": 2.0, "four times": 4.0}  # of compared runs, as ratios
 _CLEAR = 0.1  # largest difference from the order of the method with which coarser runs alone give the error
+_SURE = 0.2  # and with which the ratio of the errors holds for other parameters too
 _IN_PROPORTION = 0.95  # least cosine of the angle between two differences; smooth motions show 0.98 and more
 _NO_DIGIT = 0.5  # an error of this fraction of the motion: no digit is right
 _FEW_COLUMNS = 16
@@ -194,7 +195,8 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
         coarser = seen
     else:
         observed, factor = _by_order(seen, fine, coarse, order, is_tiny, notes)
-        coarser = observed and 2**observed
+        if observed is not None and differences and abs(observed - order) <= _SURE and differences.are_in_proportion:
+            coarser = 2**observed
         if differences and coarse and not is_tiny and observed is not None and observed < order - _BELOW:
             notes.append(_lower(solution.method.label, differences, (coarse.ratio, fine.ratio), observed, order))
     if order is None and _is_limited(solution, fine):
@@ -251,7 +253,7 @@ def clear_estimate(solution: Any, near: Companion, far: Companion) -> ErrorEstim
     observed = None if seen is None else float(_order(seen, far.ratio, near.ratio))
     if observed is None or abs(observed - solution.method.order) > _CLEAR or not differences.is_whole:
         return None
-    if not differences.are_in_proportion:
+    if not differences.are_in_proportion or differences.products.sum() < 0:
         return None
     error = estimate(solution, near, far, coarser=near.ratio**observed)
     return None if error.notes else error
@@ -343,9 +345,9 @@ class Differences(NamedTuple):
 
     @property
     def are_in_proportion(self) -> bool:
-        """Whether the differences from two coarser runs have one direction, as in a smooth motion."""
+        """Whether the differences from two runs have one direction, or opposite ones, as in a smooth motion."""
         sizes = float(np.linalg.norm(self.fine) * np.linalg.norm(self.coarse))
-        return float(self.products.sum()) >= _IN_PROPORTION * sizes
+        return abs(float(self.products.sum())) >= _IN_PROPORTION * sizes
 
 
 def _by_tolerances(seen: float | None, is_tiny: bool, notes: list[str]) -> float:

@@ -40,8 +40,18 @@ _INTERRUPTED = "The run reached the end of its span, but was interrupted before 
 WITH_TOLERANCES = RK5, RK8, RKN12  # other methods take a fixed step
 
 
-#: The h or rtol with which runs of a function have reached an accuracy, by the method and the accuracy.
-_learned: WeakKeyDictionary[Any, dict[Any, float]] = WeakKeyDictionary()
+class Known(NamedTuple):
+    """What a run that reached an accuracy has shown: the h or rtol for the next run, and its `ErrorEstimate.coarser`.
+
+    The latter is None if it is not sure in the first call: in one of many calls, it may be right by chance.
+    """
+
+    value: float
+    coarser: float | None
+
+
+#: What is known of a function, by the method and the accuracy.
+_learned: WeakKeyDictionary[Any, dict[Any, Known]] = WeakKeyDictionary()
 
 
 class Goal(NamedTuple):
@@ -207,21 +217,21 @@ def reach(
     cancel = deadline.of_runs
     first = of_call | {"check": False, "raise_on_failure": False, "cancel": cancel}
     known, search = learned(rhs), _Search(goal, knob, deadline)
-    value = known[key] if key in known else search.first(start[0])
+    value, coarser = known.get(key) or (search.first(start[0]), search.coarser)
     value = min(value, longest) if knob == "h" else value
     while True:
         prepared = prepare(**{**options, knob: value})
         check_accuracy_names(goal, prepared.options)
         check_repeatable(prepared.method)
         solution = prepared(*start, **first)
-        if solution.success and _error(solution, cancel) is None:
+        if solution.success and _error(goal, solution, cancel, coarser) is None:
             solution.status, solution.message = Status.INTERRUPTED, _INTERRUPTED
         following = search.after(solution, value)
         if following is None:
             break
-        value = following
+        value, coarser = following, search.coarser
     if search.reached:
-        known[key] = value if key in known else _to_remember(goal, solution, value)
+        known[key] = known[key]._replace(value=value) if key in known else _to_remember(goal, solution, value)
         return solution
     is_late = solution.status is Status.INTERRUPTED and deadline.has_passed
     if search.runs and (is_late or solution.status is not Status.INTERRUPTED):
@@ -233,23 +243,34 @@ def reach(
     return solution
 
 
-def _error(solution: Solution, cancel: Any) -> ErrorEstimate | None:
-    """Let a run have its error. With tolerances, one finer run is enough: this error is about in proportion to them."""
-    if solution.steps is None or solution._extend is None:
-        return solution.check(cancel=cancel)
-    with keeping(solution):
-        solution.error = solution._extend().error(solution, cancel, RATIO)
-    return solution.error
+def _error(goal: Goal, solution: Solution, cancel: Any, coarser: float | None) -> ErrorEstimate | None:
+    """Let a run have its error, by one further run if it is known by how much the error of a coarser run is larger.
+
+    A finer run gives the error of a run with tolerances also where this ratio is not as expected. With a fixed step the
+    further run is a coarser one: it must show the ratio, and that the accuracy is reached.
+    """
+    if coarser and solution._extend is not None:
+        with keeping(solution):
+            error = solution.error = solution._extend().error(solution, cancel, coarser)
+        if error is None or solution.steps is not None:
+            return error
+        if max(goal.misses(solution).values()) <= 1 and not error.notes:
+            return error
+    return solution.check(cancel=cancel)
 
 
-def _to_remember(goal: Goal, solution: Solution, value: float) -> float:
+def _to_remember(goal: Goal, solution: Solution, value: float) -> Known:
     """Return what later calls begin with: a larger tolerance, if the first call has found a far smaller error."""
-    if solution.steps is not None and 0 < (miss := max(goal.misses(solution).values())) < _FAR_BELOW:
-        return min(_LARGEST_RTOL, min(_LARGER, AIM / miss) * value)
-    return value
+    error = solution.error
+    assert error
+    if solution.steps is None:
+        return Known(value, None if error.notes else error.coarser)
+    if 0 < (miss := max(goal.misses(solution).values())) < _FAR_BELOW:
+        value = min(_LARGEST_RTOL, min(_LARGER, AIM / miss) * value)
+    return Known(value, RATIO)
 
 
-def learned(rhs: Any) -> dict[Any, float]:
+def learned(rhs: Any) -> dict[Any, Known]:
     """Return what is known of the runs of a function to an accuracy."""
     return _learned.setdefault(rhs, {})
 
@@ -273,6 +294,7 @@ class _Search:
 
     def __init__(self, goal: Goal, knob: str, deadline: Deadline) -> None:
         self.goal, self.knob, self._deadline = goal, knob, deadline
+        self.coarser = RATIO if knob == "rtol" else None  # a tolerance and the error of a run are about in proportion
         self.runs: list[tuple[float, Solution]] = []  # each error as a multiple of the wanted error, and the run
         self.reached, self._reason = False, f"{MOST_RUNS} runs were not enough"
         self._count, self._stalled, self._before = 0, 0, 0.0

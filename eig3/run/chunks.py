@@ -143,10 +143,10 @@ class Run:
         raise NotImplementedError
 
     def error_by(self, coarser: float, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
-        """Estimate the error by one finer run; it is known by how much the error of a coarser run is larger.
+        """Estimate the error by one further run; it is known by how much the error of a coarser run is larger.
 
-        This factor differs much from one start to the next, and it hardly matters for the difference from a finer run.
-        A coarser run would need it: with a fixed step, two coarser runs show it.
+        With a fixed step, the further run is a coarser one. With tolerances it is a finer one: the factor differs much
+        from one start to the next, and it hardly matters for the difference from a finer run.
         """
         raise NotImplementedError
 

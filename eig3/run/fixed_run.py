@@ -130,6 +130,10 @@ class FixedRun(Run):
         assert fine
         return estimate(solution, fine, twice)
 
+    def error_by(self, coarser: float, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
+        twice = self._companion(solution, 2, cancel)
+        return estimate(solution, twice, None, coarser) if twice else self.error_of(solution, cancel)
+
     def _companion(self, solution: Solution, steps: int, cancel: Cancel | None) -> Companion | None:
         """Return the run with `steps` steps in place of four steps; None if no state is at the same time."""
         stepper, n_steps = self.stepper, self.n_steps * steps // 4
