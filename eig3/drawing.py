@@ -178,7 +178,7 @@ def histories(figure: Any, solution: Solution, names: Sequence[str] = (), units:
     units : (str, str), optional
         Units of displacement and velocity; by default the units in the problem.
     """
-    labels = solution.labels or Labels()
+    labels = solution.labels if solution.labels and solution.labels.units else Labels()
     u, v = (x.reshape(len(solution.t), -1)[:, :_LINES] for x in (solution.u, solution.v))
     for i, (letter, what, values) in enumerate((("u", "displacement", u), ("v", "velocity", v))):
         columns: dict[str, list[int]] = {}

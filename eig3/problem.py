@@ -27,7 +27,7 @@ from .functions.guard import guarded
 from .functions.layout import Layout
 from .functions.named import Parameters, has_names, in_layout, named
 from .functions.quantities import EnergyLessWork
-from .functions.records import longest_step, records_of
+from .functions.records import check_left_out, check_size, left_out_of, longest_step, records_of
 from .geometry import Geometry
 from .kernels.protocol import SCALAR, VECTOR
 from .keywords import suggestion, with_suggestions
@@ -101,7 +101,8 @@ class Problem:
     t_span : (float, float)
     energy : jitted function, optional
         ``energy(t, u, v, p) -> float``, constant along the exact solution. `integrate` evaluates it as the invariant
-        "energy", after about every hundredth step.
+        "energy", after about every hundredth step. If a scene or a structure follows the work, it is the energy minus
+        the work, also as an output: `energy_of` has the energy alone.
     energy_unit : str
         Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
     units : str or tuple of str
@@ -181,6 +182,7 @@ class Problem:
             longest_step(records_of(own["rhs"]), params, np.size(u0))  # checks the parameters
         for name, value in own.items():
             object.__setattr__(self, name, value)  # the dataclass is frozen
+        self._refuse_moving_states(v0)
 
     @cached_property
     def _longest_step(self) -> float:
@@ -333,9 +335,10 @@ class Problem:
             raise ValueError(f"{path} has a run with {n} degrees of freedom, which is not one of {self.name}.")
         options = self._own_functions(found, options)
         options["invariants"] = self._balanced(options.get("invariants"))
-        options |= {"labels": self.labels, "first_order": self.unknowns}
+        labels = Labels.of(self.labels, found.labels.columns if found.labels else ())
+        options |= {"labels": labels, "first_order": self.unknowns}
         solution = with_functions(found, self.rhs, outputs=outputs, jacobian=jacobian, **options)
-        solution.labels = self.labels
+        solution.labels = labels
         return solution
 
     def _own_functions(self, found: Solution | EnsembleSolution, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -387,11 +390,13 @@ class Problem:
         """
         options = self._with_own(options, "ensemble")
         start = [old if new is None else new for old, new in ((self.u0, u0), (self.v0, v0))]
+        self._refuse_moving_states(start[1])
         span = self.t_span[0], self.t_span[1] if t_end is None else t_end
         if self._layout:
             params = of_members({} if params is None else params, self.params)
         elif params is not None:
             self._refuse_names(params)
+            check_size(self.rhs, params, np.size(self.params))
         else:
             params = check_params(self.params)
             given: Any = (self.u0, u0), (self.v0, v0), (0.0, 0.0 if h is None else h)
@@ -631,11 +636,13 @@ class Problem:
         return show(self.view, solution, path, name=self.name, look=look, has_seconds=has_seconds, t_end=t_end)
 
     def _check_own(self, solution: Any) -> None:
-        """Refuse a solution without states, or of another number of degrees of freedom if this problem shows points."""
-        if isinstance(solution, Solution):
-            solution._check_states()
+        """Refuse what is no solution, one without states, or of other degrees of freedom if this problem shows points."""
+        if not isinstance(solution, Solution):
+            kind = type(solution).__name__
+            raise TypeError(f"solution must be a Solution, such as a member ensemble[0], not {kind}.")
+        solution._check_states()
         own, has_points = np.shape(self.u0), self.view and self.shown_geometry
-        if has_points and isinstance(solution, Solution) and solution.u.shape[1:] != own:
+        if has_points and solution.u.shape[1:] != own:
             given = solution.u.shape[1:]
             raise ValueError(f"solution must be a run of {self.name}, with states of the shape {own}, not {given}.")
 
@@ -778,7 +785,19 @@ class Problem:
         new = check_params(value) if name == "params" else reals(value, name)
         if new.shape != old:
             raise ValueError(f"{name} must keep its shape {old} in {self.name}, not have the shape {new.shape}.")
+        if name == "params":
+            check_left_out(left_out_of(self.rhs), new)
         return new
+
+    def _refuse_moving_states(self, v0: Any) -> None:
+        """Refuse velocities of the states of effects, which are degrees of freedom that only events change."""
+        if self.masses is None or isinstance(self.units, str) or np.shape(v0)[-1:] != (len(self.units),):
+            return
+        is_state = np.isinf(self.masses) & (np.array(self.units) == "-")
+        moving = np.flatnonzero(is_state & (np.reshape(v0, (-1, is_state.size)) != 0).any(axis=0))
+        if moving.size:
+            name = self.names[moving[0]]
+            raise ValueError(f"v0 must be 0 in the degree of freedom {name}, a state that only events change.")
 
     def _with_z0(self, changes: Any) -> Any:
         """Return the first-order unknowns at the start, some of which a dictionary changes."""

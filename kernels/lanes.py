@@ -429,7 +429,10 @@ def _obstacle(result: Any) -> str:
         return f"it calls {names} of the C library for each member separately; use the functions of eig3.math"
     body = code[code.index("define") :].partition("\n}")[0]  # the body of the function; its wrappers follow
     if not is_vectorised and " = phi " in body:  # a constant force needs no loop, and zero is set by memset
-        return "it has branches or loops that do not work for several members at once; choose between simple values"
+        return (
+            "it has branches or loops that do not work for several members at once; choose between simple values, and "
+            "split a loop that calls functions in many rounds"
+        )
     return ""
 
 

@@ -566,6 +566,8 @@ def test_other_formats_and_folders_are_refused(still, tmp_path):
     for name in ("film", "film.avi"):
         with pytest.raises(ValueError, match=f"^path must end with .gif or .mp4 or .html, not '{name}'"):
             still[0].animate(still[1], tmp_path / name)
+    with pytest.raises(TypeError, match=r"^solution must be a Solution, such as a member ensemble\[0\], not list"):
+        still[0].animate([still[1]], tmp_path / "film.gif")
     with pytest.raises(FileNotFoundError, match=r"^path must be in an existing folder: create '.*films' first\.$"):
         still[0].animate(still[1], tmp_path / "films" / "film.gif")
 

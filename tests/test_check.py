@@ -161,6 +161,31 @@ def test_a_jump_of_the_force_lowers_the_order_from_there_on():
     assert note in repr(solution)
 
 
+@eig3.jit
+def ramp(t, u, v, p):
+    return max(0.0, t - p[0]) - u
+
+
+def test_coarser_runs_that_show_the_order_by_chance_are_not_believed():
+    """From the corner of the force on, u is t - t1 - sin(t - t1). It was 13 % of the error."""
+    corner = 2 + 117 / 401
+    solution = eig3.integrate(ramp, (0, 10), 0.0, 0.0, h=0.05, method="rk4", params=[corner], check=True)
+    after = np.maximum(0.0, solution.t - corner)
+    assert solution.error.largest["u"] > 0.5 * np.abs(solution.u - after + np.sin(after)).max()
+
+
+def test_later_calls_with_a_fixed_step_estimate_their_own_error():
+    """The corner of the force is elsewhere in each call. With the order of an earlier call, a quarter of the
+    estimates were below a third of the error. By chance, about 1 of 100 is.
+    """
+    ratios = []
+    for corner in 2 + 3 * np.arange(1, 41) / 401:
+        run = eig3.integrate(ramp, (0, 10), 0.0, 0.0, accuracy=1e-4, method="rk4", params=[corner])
+        after = np.maximum(0.0, run.t - corner)
+        ratios.append(run.error.largest["u"] / np.abs(run.u - after + np.sin(after)).max())
+    assert np.mean(np.array(ratios) > 1 / 3) > 0.95
+
+
 def test_round_off_is_named():
     solution = eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, h=1e-3, method="rk8", check=True)
     assert any("round-off" in note for note in solution.error.notes)

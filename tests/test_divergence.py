@@ -85,6 +85,9 @@ def test_the_degree_of_freedom_that_fails_is_named():
     run = integrate(three, (0, 1e4), [1.0] * 3, [0.0] * 3, h=0.5, params=25.0)
     assert "in degree of freedom 1" in run.message
     assert "in degree of freedom 1, with h = 0.5" in run.explain()
+    named = eig3.Problem("three", three, [1.0] * 3, [0.0] * 3, 25.0, (0, 1e4), names=("left", "middle", "right"))
+    for solution in (named.integrate(h=0.5), named.ensemble(u0=np.ones((2, 3)), h=0.5)[1]):
+        assert "in degree of freedom 1 (middle), with h = 0.5" in solution.message
     assert re.search(r"is 0\.4 from t = 0 to [\d.]+ \(omega = 5, xi = 0\)", run.explain())
 
 

@@ -7,11 +7,16 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.effects import LinearDamper, LinearSpring
+from eig3.effects import Gravity, LinearDamper, LinearSpring, Rod
 from eig3.functions.events import Occurrences
 from eig3.scene import Scene
 
 from .conftest import coupled, oscillator, position
+
+
+@eig3.jit
+def ends(t, u, v, p, out):
+    out[0], out[1] = u[0], u[-1]
 
 
 def with_outputs(run, **outputs):
@@ -91,6 +96,35 @@ def test_names_that_clash_are_refused():
     for name in ("u", "t"):
         with pytest.raises(ValueError, match=f"{name} is the name of two columns"):
             with_outputs(run, **{name: run.u}).to_xarray()
+
+
+def test_the_values_of_an_output_have_the_names_of_its_joints(tmp_path):
+    """A rod hangs on a mass of 3 kg: its reaction is a force of 3 g, here as in a file, in a dataset and in members."""
+    scene = Scene(dimension=2)
+    masses = scene.mass([3.0, 3.0], [(0, -1), (2, -1)])
+    scene.add(Rod(), scene.fixed([(0, 0), (2, 0)]), masses)
+    scene.add(Gravity((0, -10.0)))
+    problem = scene.problem((0, 0.1))
+    assert problem.outputs["reactions"][1] == ("rod 0", "rod 1")
+    run = problem.integrate(h=1e-2, outputs=problem.outputs)
+    assert abs(run.to_pandas()["reactions[rod 1]"].iloc[-1]) == pytest.approx(30.0)
+    assert abs(run.to_xarray().reactions.sel({"reactions component": "rod 0"})[-1]) == pytest.approx(30.0)
+    path, runs = run.save(tmp_path / "run"), problem.ensemble(v0=np.zeros((2, 4)), h=1e-2, outputs=problem.outputs)
+    longer = problem.load(path, outputs=problem.outputs).extend(0.2)
+    for table in (eig3.load(path).to_pandas(), longer.to_pandas(), runs.to_pandas()):
+        assert list(table.columns[-2:]) == ["reactions[rod 0]", "reactions[rod 1]"]
+    assert "peak of reactions[rod 1]" in runs.summary()
+
+
+def test_names_of_values_without_a_problem():
+    options = {"h": 0.1, "params": (1, 2, 3)}
+    run = eig3.integrate(
+        coupled, (0, 1), np.ones(3), np.zeros(3), outputs={"both": (ends, ("left", "right"))}, **options
+    )
+    assert list(run.to_pandas().columns[-2:]) == ["both[left]", "both[right]"]
+    assert run.to_pandas().attrs["units"] == run.to_xarray().u.attrs == {}
+    with pytest.raises(ValueError, match=r"outputs\['both'\] = \(function, names\) must have a different text"):
+        eig3.integrate(coupled, (0, 1), np.ones(3), np.zeros(3), outputs={"both": (ends, ("left",) * 2)}, **options)
 
 
 def test_names_and_units_must_be_as_many_as_the_degrees_of_freedom():

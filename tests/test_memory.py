@@ -512,6 +512,14 @@ test_what_is_wrong_is_refused_in_a_sentence = refusals(
 )
 
 
+def test_a_state_has_no_velocity():
+    """Only events change it: with a velocity, the plastic stretch grew all the time."""
+    problem = oscillator(ElasticPlastic(100.0, 10.0))
+    for call in (problem.with_, partial(problem.ensemble, h=0.01)):
+        with pytest.raises(ValueError, match="v0 must be 0 in the degree of freedom elastic plastic 0, a state that"):
+            call(v0=[1.0, 1.0])
+
+
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize("law", [ElasticPlastic(100.0, 10.0, 0.1), Multilinear([0.1, 0.2, 0.4], [10.0, 15.0, 18.0])])
 def test_a_start_beyond_yield_that_moves_back_is_refused(law, way):

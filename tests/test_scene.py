@@ -4,6 +4,7 @@ import inspect
 import math
 import pickle
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pytest
@@ -538,6 +539,62 @@ def test_scenes_of_one_structure_share_their_code():
     assert one.rhs is other.rhs
     assert at_start(one)[0] == 1.5
     assert at_start(other)[0] == 2.0
+
+
+def test_components_that_the_code_leaves_out_must_be_zero():
+    """They were ignored. The code for a slope is right on the level too, where the mass falls by g t^2 / 2."""
+
+    def falling_by(*g):
+        scene = Scene(2)
+        scene.mass(1.0, (0.0, 0.0))
+        scene.add(Gravity(g))
+        return scene.problem((0.0, 1.0))
+
+    level, slope = falling_by(0.0, -8.0), falling_by(2.0, -6.0)
+    for call in (level.with_, level.prepare(h=0.25), lambda params: level.ensemble(params=[params], h=0.25)):
+        with pytest.raises(ValueError, match=r"params must be 0 at \[\.\.\., 1\]: a component of a vector"):
+            call(params=slope.params)
+    members = slope.ensemble(params=[level.params, slope.params], h=0.25, method="rk4")
+    assert members.u[:, -1].tolist() == [[0.0, -4.0], [1.0, -3.0]]
+
+
+def test_scenes_whose_points_share_a_value_have_other_parameters():
+    """Members with fewer parameters took some of them for others."""
+
+    def two(masses):
+        scene = Scene(1)
+        scene.add(LinearSpring(3.0, 1.0), *scene.mass(masses, [0.0, 1.5]))
+        return scene.problem((0.0, 1.0))
+
+    same, other = two([1.0, 1.0]), two([1.0, 2.0])
+    for call in (
+        partial(other.ensemble, h=0.1, params=[same.params] * 2),
+        partial(other.prepare(h=0.1), params=same.params),
+    ):
+        with pytest.raises(ValueError, match="params must have 4 values, as in the scene of this problem, not 3"):
+            call()
+
+
+def test_a_motion_is_the_same_for_all_its_points():
+    scene = Scene(2)
+    with pytest.raises(ValueError, match="direction of SupportMotion is the same for all points: add a motion for"):
+        scene.add(SupportMotion(shaken, np.eye(2)), scene.fixed(np.eye(2)))
+
+
+def test_a_field_named_rate_is_no_velocity():
+    @dataclass(frozen=True, eq=False)
+    class Turning(Body):
+        rate: float
+
+        @staticmethod
+        @eig3.jit
+        def force(t, rate):
+            return math.cos(rate * t), math.sin(rate * t)
+
+    scene = Scene(2)
+    scene.mass(1.0, (0.0, 0.0))
+    scene.add(Turning(1.0))
+    assert "nothing reads the velocity" in scene.problem((0.0, 1.0)).note
 
 
 @pytest.mark.parametrize("nesting", [lambda links: links, lambda links: [(b, a) for a, b in reversed(links)]])

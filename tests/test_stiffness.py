@@ -1,5 +1,6 @@
 """Notes about stiff motions: stability, and not the tolerance, decides about the steps."""
 
+import functools
 import re
 
 import numpy as np
@@ -90,6 +91,27 @@ def test_a_mode_is_stiff_if_it_decays_within_its_period_and_a_little_longer_step
     assert not note(0.8, [0.75] * 4)
     assert "in 3 of 4 states" in note(0.8, [0.95, 0.95, 0.95, 0.1])
     assert not note(0.8, [0.95, 0.95, 0.1, 0.1])
+
+
+@eig3.jit
+def pair(t, u, v, p, a):
+    """Masses of 1 and 2, each with a weak spring, which a strong spring joins."""
+    pull = 1e8 * (u[0] - u[1])
+    a[0], a[1] = -u[0] - pull, (-u[1] + pull) / 2
+
+
+@pytest.mark.parametrize(("method", "rtol"), [("rk5", 1e-4), ("rk8", 1e-6), ("rkn12", 1e-8)])
+def test_a_vibration_that_limits_the_steps_of_a_slow_motion_has_a_note(method, rtol):
+    """Its omega is 1.2e4, and the motion's sqrt(2 / 3). EIG-3 with the named step is right to about h^2, and to the
+    elasticity, 1e-8. The vibration alone has no note: it is not slow.
+    """
+    run = functools.partial(eig3.integrate, pair, (0, 10), v0=[0.0, 0.0], save_every=100)
+    slow = run(u0=[1.0, 1.0], rtol=rtol, method=method)
+    h, part = re.search(r"omega = 1.22e\+04, .* step h = (\S+) takes 1/(\d+) of the", slow.notes[0]).groups()
+    fixed = run(u0=[1.0, 1.0], h=float(h))
+    np.testing.assert_allclose(fixed.u[-1], np.cos(10 * np.sqrt(2 / 3)), rtol=0, atol=1e-6)
+    assert int(part) * fixed.n_rhs == pytest.approx(slow.n_rhs, rel=0.15)  # the note has few digits, and a median step
+    assert not run(u0=[1.0, -1.0], rtol=rtol, method=method).notes
 
 
 def test_a_plan_says_that_the_motion_is_stiff():

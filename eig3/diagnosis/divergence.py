@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..result.labels import Labels
 from ..stepping.stepper import Stepper
 from .critical import CriticalStep, NoStableStepError, growth_by_step, of_linear
 from .linearisation import linearise
@@ -59,7 +60,8 @@ class Divergence:
 
     @property
     def _what(self) -> str:
-        return became_non_finite(self.last.t, self.last.h, self.degree if np.ndim(self.last.u) else None)
+        degree = self.degree if np.ndim(self.last.u) else None
+        return became_non_finite(self.last.t, self.last.h, degree, self.last.system.labels)
 
     @cached_property
     def _is_singular(self) -> bool:
@@ -94,9 +96,9 @@ class Divergence:
         return f"{self._what}{self._lost}: {'; '.join(reasons)}." if reasons else f"{self._what}{self._lost}."
 
 
-def became_non_finite(t: float, h: float, degree: int | None) -> str:
+def became_non_finite(t: float, h: float, degree: int | None, labels: Labels | None) -> str:
     """Return the message that a state became non-finite in the step h after t; `degree` is None in the scalar form."""
-    where = "" if degree is None else f" in degree of freedom {degree}"
+    where = "" if degree is None else f" in {(labels or Labels()).place(degree)}"
     return f"The run became non-finite at t = {t + h:g}{where}, with h = {h:g}"
 
 

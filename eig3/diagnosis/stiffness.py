@@ -2,7 +2,8 @@
 
 A motion is stiff for a method if perturbations decay within a step, but would grow numerically with a slightly longer
 step. The test uses the largest rates of the linearised system at some states of the run, with about fifty evaluations
-each. Fast vibrations with little damping do not count, because they may be part of the wanted solution.
+each. Fast vibrations with little damping do not count, because they may be part of the wanted solution. If they are
+not, because the motion is far slower, a fixed step may take fewer evaluations.
 """
 
 from __future__ import annotations
@@ -12,19 +13,25 @@ from typing import Any
 
 import numpy as np
 
-from ..methods import Method
-from ..stability import eigenvalues, oscillator_matrices
+from ..methods import EIG3, Method
+from ..stability import eigenvalues, limit, oscillator_matrices
 from .linearisation import fast_rates
 
 #: A shorter run is faster than a run with an implicit method.
 MANY_STEPS = 2000
+#: The search for a vibration takes a small part of the time of such a run.
+VERY_MANY_STEPS = 20_000
 #: Number of states in the test.
 STATES = 16
 _MOST = 0.75  # least fraction of stiff states
 _LONGER = 1.25  # factor to a step with which a stiff motion would grow,
 _GROWTH = 1.1  # by more than this in a step
 _DAMPED = 0.7  # least damping ratio of a mode that decays within its period
-_LEAST = 0.5  # no method is unstable for a smaller product of decay rate and step
+_LEAST = 0.5  # no method is unstable for a smaller product of rate and step
+_SLOW = 1e-3  # largest ratio of acceleration to way in a motion far slower than a vibration, in units of omega^2,
+_SMOOTH = 0.1  # and in units of 1 / h^2, before the vibrations are searched
+_EVEN = 2.0  # largest ratio of two steps that one vibration limits
+_SAFETY, _GAIN = 0.9, 3.0  # of the fixed step that a note names, and the least factor by which it saves evaluations
 
 
 def stiffness(method: Method, f: Callable, states: Iterable[tuple[float, Any, Any, float]], limited: str) -> str:
@@ -54,6 +61,42 @@ def stiffness(method: Method, f: Callable, states: Iterable[tuple[float, Any, An
         f"and {limited} does not, because disturbances decay at a rate of {np.median(rates):.2g}. An implicit method "
         f'may take far fewer steps: scipy.integrate.solve_ivp({call}, method="Radau"){where}.'
     )
+
+
+def vibration(method: Method, f: Callable, states: Iterable[tuple[float, Any, Any, float]]) -> str:
+    """Describe a vibration that limits all steps although the motion is far slower; empty if there is none.
+
+    The arguments are as for `stiffness`.
+    """
+    states = list(states)
+    h = np.array([h for *_, h in states])
+    try:
+        most = max(np.linalg.norm(f(t, u, v)) for t, u, v, _ in states)
+        way = np.linalg.norm(np.ptp([u for _, u, *_ in states], axis=0)) / 2
+        if not most * np.median(h) ** 2 < _SMOOTH * way:
+            return ""
+        with np.errstate(over="ignore", invalid="ignore"):
+            if abs(_fastest(fast_rates(f, *states[-1]))) < _LEAST:
+                return ""
+            rates = np.array([_fastest(fast_rates(f, *state)) for state in states])
+    except Exception:  # rhs may fail beyond the states of the motion
+        return ""
+    size, omega, xi = np.abs(rates), np.median(np.abs(rates) / h), np.median(-rates.real / np.abs(rates))
+    if size.min() < _LEAST or size.max() > _EVEN * size.min() or not most < _SLOW * omega**2 * way:
+        return ""
+    step = _SAFETY * limit(EIG3(), max(0.0, float(xi))) / omega
+    gain = (method.evaluations or 1) * step / np.median(h)
+    if xi > _DAMPED or gain < _GAIN:
+        return ""
+    return (
+        f"The fastest vibration, with omega = {omega:.3g}, limits the steps of {method.label}, and the motion is far "
+        f"slower. If this vibration does not matter, EIG-3 with the fixed step h = {step:.2g} takes 1/{gain:.0f} of "
+        "the evaluations, and check=True estimates its error."
+    )
+
+
+def _fastest(rates: np.ndarray) -> complex:
+    return complex(rates[np.argmax(np.abs(rates))])
 
 
 def _stiff_rate(method: Method, f: Callable, t: float, u: Any, v: Any, h: float) -> float:

@@ -192,7 +192,8 @@ class Block(Alone):
             for place in np.flatnonzero(~good.all(axis=0)):
                 lane, step = int(lanes[place]), int(np.argmin(good[:, place]))
                 degree = None if self.shared.layout.form is SCALAR else int(np.argmin(finite[step, :, place]))
-                what = became_non_finite(state.t0 + (first + step) * state.h[lane], state.h[lane], degree)
+                labels = self.histories.options.labels
+                what = became_non_finite(state.t0 + (first + step) * state.h[lane], state.h[lane], degree, labels)
                 self._ends[lane] = first + step
                 lost = lost_constraints(bool(self.shared.constrained_step or self.shared.project))
                 self._failed[lane] = f"{what}{lost}; solution.explain() looks for the reason."

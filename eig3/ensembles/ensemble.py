@@ -16,7 +16,7 @@ from ..functions.events import Event
 from ..functions.first_order import NONE, FirstOrder, check_z0
 from ..functions.layout import bound_layout
 from ..functions.named import has_names
-from ..functions.records import check_together
+from ..functions.records import check_left_out, check_together, left_out_of
 from ..kernels.compile.interrupt import keeping, with_solution
 from ..keywords import with_suggestions
 from ..methods import Method
@@ -217,6 +217,7 @@ def ready(rhs: Any, members: Members, options: RunOptions) -> tuple[Members, Run
     """Return members and their options with the method of their runs, after all checks of a single run."""
     n, starts = members.n - options.first_order.size, (members.u0, members.v0, members.params)
     check_together(rhs, members.params, members.own, n)
+    check_left_out(left_out_of(rhs), members.params)
     times, prepared = check_times(options.t_eval, *members.t_span), Prepared(rhs, members.form, options)
     if prepared.rules:
         u0, v0 = prepared.rules.starts(n, members.t_span, *starts, members.first)

@@ -40,8 +40,6 @@ def export(
     """Write a run, as `Problem.export` describes it. `name` is the problem's, for errors."""
     path = Path(path)
     geometry = check_export(geometry, path, name)
-    if not hasattr(solution, "steps") or np.ndim(solution.t) != 1:
-        raise TypeError(f"solution must be a Solution, such as a member ensemble[0], not {type(solution).__name__}.")
     if not (np.ndim(scale) == 0 and np.isfinite(scale) and scale > 0):
         raise ValueError(f"scale must be a positive number, not {scale!r}.")
     check_progress(progress)

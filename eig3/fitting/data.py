@@ -95,8 +95,8 @@ def _quantities(problem: Problem, outputs: Mapping[str, Any]) -> dict[str, tuple
             known |= {f"{letter}{j}": (place, ()) for j, place in enumerate(places)}
         known |= {problem.labels.name(letter, j): (places[j], ()) for j in range(n) if problem.names}
     known |= {name: ({"group": "z", "key": name}, np.shape(x)) for name, x in problem.z0.items()}
-    for name, output in outputs.items():
-        known[name] = {"group": "outputs", "key": name}, (output[1],) if isinstance(output, tuple) else ()
+    for name, shape in outputs.items():
+        known[name] = {"group": "outputs", "key": name}, shape
     return known
 
 

@@ -182,7 +182,7 @@ def fit(
         After Ctrl-C. Its attribute `solution` is the interrupted run or ensemble; None between two runs.
     """
     places, outputs = check_places(problem, parameters), problem.unknowns.bind_all(outputs)
-    series = check_data(problem, data, check_functions(None, outputs).outputs, sigma)
+    series = check_data(problem, data, check_functions(None, outputs).shapes, sigma)
     problem = _first(problem, places, parameters)
     low, high = _check_bounds(problem, places, bounds or {})
     _check_times(problem, series)

@@ -176,5 +176,9 @@ def reals(value: Any, name: str) -> np.ndarray:
         if array.dtype.kind not in "buif" or (isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value)):
             raise TypeError
         return np.array(array, dtype=np.float64, order="C")
-    except (TypeError, ValueError):
+    except ValueError:
+        raise TypeError(
+            f"{name} must be made of real numbers, not {shown(value)} with rows of other lengths."
+        ) from None
+    except TypeError:
         raise TypeError(f"{name} must be made of real numbers, not {shown(value)}.") from None

@@ -10,7 +10,7 @@ import numpy as np
 from ..kernels.compile.numba_internals import Jitted
 from ..kernels.protocol import Form
 from .callbacks import check_callback, takes
-from .checks import check_count, check_names
+from .checks import check_count, check_names, shown
 from .guard import beyond, guarded
 
 
@@ -30,7 +30,7 @@ class Functions(NamedTuple):
     Attributes
     ----------
     invariants : mapping of str to jitted function, or to EnergyLessWork
-    outputs : mapping of str to jitted function, or to (jitted function, k)
+    outputs : mapping of str to jitted function, to (jitted function, k), or to (jitted function, names of k values)
     invariants_every : int
         The invariants are evaluated after about every so many steps.
     """
@@ -42,7 +42,13 @@ class Functions(NamedTuple):
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The shape of the value of each output: () or (k,)."""
-        return {name: (value[1],) if isinstance(value, tuple) else () for name, value in self.outputs.items()}
+        return {name: shape_of(value) for name, value in self.outputs.items()}
+
+    @property
+    def columns(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """The outputs whose values have names, and these names."""
+        pairs = ((name, value[1]) for name, value in self.outputs.items() if isinstance(value, tuple))
+        return tuple((name, names) for name, names in pairs if isinstance(names, tuple))
 
     @property
     def n_outputs(self) -> int:
@@ -61,10 +67,18 @@ class Functions(NamedTuple):
             for name, e in self.invariants.items()
         }
         outputs = {
-            name: Quantity(f"outputs[{name!r}]", *(value if isinstance(value, tuple) else (value,)), form=form)
-            for name, value in self.outputs.items()
+            name: Quantity(f"outputs[{name!r}]", value[0] if isinstance(value, tuple) else value, *shape, form=form)
+            for (name, value), shape in zip(self.outputs.items(), self.shapes.values(), strict=True)
         }
         return invariants, outputs
+
+
+def shape_of(output: Any) -> tuple[int, ...]:
+    """Return the shape of the value of an output: () or (k,)."""
+    if not isinstance(output, tuple):
+        return ()
+    _, k = output
+    return (len(k) if isinstance(k, tuple) else k,)
 
 
 def check_functions(invariants: Any, outputs: Any, invariants_every: Any = 1) -> Functions:
@@ -74,7 +88,7 @@ def check_functions(invariants: Any, outputs: Any, invariants_every: Any = 1) ->
     ------
     TypeError, ValueError
         If an argument is not a dictionary, a name is not a string, both have the same name, or an output is neither a
-        function nor a pair of a function and a number of values.
+        function nor a pair of a function and the number or the names of its values.
     """
     if invariants is not None and not isinstance(invariants, Mapping):
         raise TypeError("invariants must be a dictionary of names and jitted functions, such as {'energy': energy}.")
@@ -93,11 +107,19 @@ def check_functions(invariants: Any, outputs: Any, invariants_every: Any = 1) ->
         if isinstance(value, tuple):
             if len(value) != 2:
                 raise TypeError(f"outputs[{name!r}] must be a function or a pair (function, k), not {value!r}.")
-            k = check_count(value[1], f"the number of values k in outputs[{name!r}] = (function, k)")
-            functions.outputs[name] = value[0], k  # NumPy's small integers would overflow in sums
+            functions.outputs[name] = value[0], _number_or_names(value[1], f"outputs[{name!r}]")
         elif isinstance(value, Jitted) and takes(value.py_func, 5) and not takes(value.py_func, 4):
             raise TypeError(f"outputs[{name!r}] writes its values: give (function, k) with their number k.")
     return functions
+
+
+def _number_or_names(k: Any, said: str) -> Any:
+    """Return the number of values of an output, or their names."""
+    if not isinstance(k, list | tuple):
+        return check_count(k, f"the number of values k in {said} = (function, k)")
+    if not k or not all(isinstance(name, str) for name in k) or len({*k}) < len(k):
+        raise ValueError(f"{said} = (function, names) must have a different text for each value, not {shown(k)}.")
+    return tuple(k)
 
 
 class Quantity:

@@ -40,10 +40,43 @@ class Records(NamedTuple):
 
 def records_of(rhs: Any) -> Records | None:
     """Return the records of a right-hand side, or None. They are pickled with the Python function."""
+    return _mark(rhs, "records")
+
+
+def _mark(rhs: Any, name: str) -> Any:
     function: Any = getattr(rhs, "py_func", None)
     while hasattr(function, "inner"):
         function = function.inner.py_func
-    return getattr(function, "records", None)
+    return getattr(function, name, None)
+
+
+def left_out_of(rhs: Any) -> np.ndarray | None:
+    """Return the places of parameters that the code of a scene leaves out because they were 0; None without a scene."""
+    return _mark(rhs, "left_out")
+
+
+def check_size(rhs: Any, params: Any, size: int) -> None:
+    """Refuse parameters, of one run or of each member, that are not as many as in a scene."""
+    if left_out_of(rhs) is None:
+        return
+    are_rows = isinstance(params, list | tuple) and len(params) > 0 and np.ndim(params[0]) > 0
+    for k in {np.size(row) for row in params} if are_rows else np.shape(params)[-1:]:
+        if k != size:
+            raise ValueError(
+                f"params must have {size} values, as in the scene of this problem, not {k}. An array with the same "
+                "value for all points is kept as one value: build the problem with values that differ."
+            )
+
+
+def check_left_out(left_out: np.ndarray | None, params: np.ndarray) -> None:
+    """Refuse parameters, shape (k,) or (m, k), that the code leaves out and that are not 0."""
+    if left_out is None or not left_out.size or params.shape[-1] <= left_out[-1] or not params[..., left_out].any():
+        return
+    place = left_out[params[..., left_out].reshape(-1, left_out.size).any(axis=0)][0]
+    raise ValueError(
+        f"params must be 0 at [..., {place}]: a component of a vector or of a place was 0 when the scene was built, "
+        "and its code leaves it out. Build the problem with another value there."
+    )
 
 
 def longest_step(records: Records | None, params: Any, n: int) -> float:

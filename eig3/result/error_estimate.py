@@ -29,6 +29,8 @@ _CONVERGING = 0.2  # the orders are measured up to this difference from the coar
 _NEAR_ROUND_OFF = "The differences of the runs are near round-off: shorter steps do not help."
 _STEPS = {"two thirds of": 2 / 3, "half": 1 / 2, "twice": 2.0, "four times": 4.0}  # of compared runs, as ratios
 _CLEAR = 0.1  # largest difference from the order of the method with which coarser runs alone give the error
+_SURE = 0.2  # and with which the ratio of the errors holds for other parameters too
+_IN_PROPORTION = 0.95  # least cosine of the angle between two differences; smooth motions show 0.98 and more
 _NO_DIGIT = 0.5  # an error of this fraction of the motion: no digit is right
 _FEW_COLUMNS = 16
 _MANY_STEPS = 100  # fewer steps may not be more with a smaller tolerance
@@ -193,7 +195,8 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
         coarser = seen
     else:
         observed, factor = _by_order(seen, fine, coarse, order, is_tiny, notes)
-        coarser = observed and 2**observed
+        if observed is not None and differences and abs(observed - order) <= _SURE and differences.are_in_proportion:
+            coarser = 2**observed
         if differences and coarse and not is_tiny and observed is not None and observed < order - _BELOW:
             notes.append(_lower(solution.method.label, differences, (coarse.ratio, fine.ratio), observed, order))
     if order is None and _is_limited(solution, fine):
@@ -239,7 +242,10 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
 
 
 def clear_estimate(solution: Any, near: Companion, far: Companion) -> ErrorEstimate | None:
-    """Return the error of a solution by two coarser runs, if these show the order of the method; otherwise None."""
+    """Return the error of a solution by two coarser runs, if these show the order of the method; otherwise None.
+
+    Their differences from the solution must be in proportion too: with kinks, any ratio may occur by chance.
+    """
     reaches_end = near.rows[-1] == len(solution.t) - 1
     if not (near.solution.success and far.solution.success and reaches_end):
         return None
@@ -247,6 +253,8 @@ def clear_estimate(solution: Any, near: Companion, far: Companion) -> ErrorEstim
     seen = differences.ratio()
     observed = None if seen is None else float(_order(seen, far.ratio, near.ratio))
     if observed is None or abs(observed - solution.method.order) > _CLEAR or not differences.is_whole:
+        return None
+    if not differences.are_in_proportion or differences.products.sum() < 0:
         return None
     error = estimate(solution, near, far, coarser=near.ratio**observed)
     return None if error.notes else error
@@ -318,6 +326,8 @@ class Differences(NamedTuple):
     t : ndarray, shape (k,)
     fine, coarse : ndarray, shape (k,)
         Norms of the differences relative to the size of the motion.
+    products : ndarray, shape (k,)
+        Their scalar products.
     is_whole : bool
         Whether the coarser run is the same motion up to its end.
     """
@@ -325,20 +335,22 @@ class Differences(NamedTuple):
     t: np.ndarray
     fine: np.ndarray
     coarse: np.ndarray
+    products: np.ndarray
     is_whole: bool
 
     @classmethod
     def of(cls, solution: Any, fine: Companion, coarse: Companion, scale: Any) -> Differences:
         """Compare up to the time after which the coarser run is another motion."""
         rows, *both = np.intersect1d(fine.rows, coarse.rows, assume_unique=True, return_indices=True)
-        norms = []
-        for other, some in zip((fine, coarse), both, strict=True):
-            relative = (_at(rows, solution.u) - _at(some, other.u)) / scale
-            relative = relative.reshape(len(rows), np.size(scale))
-            norms.append(np.sqrt(np.einsum("ij,ij->i", relative, relative)))
+        relative = [
+            ((_at(rows, solution.u) - _at(some, other.u)) / scale).reshape(len(rows), np.size(scale))
+            for other, some in zip((fine, coarse), both, strict=True)
+        ]
+        norms = [np.sqrt(np.einsum("ij,ij->i", x, x)) for x in relative]
         apart = np.flatnonzero(~(norms[1] < _CONVERGING))
         count = apart[0] if len(apart) and apart[0] > 1 else len(rows)
-        return cls(solution.t[rows[:count]], norms[0][:count], norms[1][:count], count == len(rows) > 1)
+        products = np.einsum("ij,ij->i", *(x[:count] for x in relative))
+        return cls(solution.t[rows[:count]], norms[0][:count], norms[1][:count], products, count == len(rows) > 1)
 
     def ratio(self, some: slice = slice(None)) -> float | None:
         """The ratio of the differences in some of the states; None if it is not known."""
@@ -346,6 +358,12 @@ class Differences(NamedTuple):
         if not len(self.t[some]) or not math.isfinite(coarse):
             return None
         return coarse / fine if fine else math.inf
+
+    @property
+    def are_in_proportion(self) -> bool:
+        """Whether the differences from two runs have one direction, or opposite ones, as in a smooth motion."""
+        sizes = float(np.linalg.norm(self.fine) * np.linalg.norm(self.coarse))
+        return abs(float(self.products.sum())) >= _IN_PROPORTION * sizes
 
 
 def _by_tolerances(seen: float | None, is_tiny: bool, notes: list[str]) -> float:

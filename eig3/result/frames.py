@@ -58,7 +58,7 @@ def _of_members(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
     for name, found in solution.extremes.items():
         values = (found.low, found.t_low, found.high, found.t_high, found.peak)
         for what, column in zip(_OF_EXTREMES, values, strict=True):
-            yield from _named(f"{what} of {name}", column)
+            yield from _named(solution, name, column, f"{what} of ")
     table = solution._table()
     members = solution.first + np.arange(len(solution))
     first, end = (np.searchsorted(table.member, members, side=side) for side in ("left", "right"))
@@ -143,20 +143,21 @@ def _columns(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
         for i, column in enumerate(values.T):
             yield labels.name(letter, i), column
     for name, values in (*solution.outputs.items(), *solution.z.items()):
-        yield from _named(name, values)
+        yield from _named(solution, name, values)
 
 
-def _named(name: str, values: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the columns of an array: its name, with a number if there are several columns."""
+def _named(solution: Any, name: str, values: np.ndarray, what: str = "") -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the columns of an output or of z: its name, with the name or the number of each of several values."""
     if values.ndim == 1:
-        yield name, values
+        yield what + name, values
     else:
-        yield from ((f"{name}[{i}]", column) for i, column in enumerate(values.T))
+        labels = (solution.labels or _PLAIN).values(name, values.shape[1])
+        yield from ((f"{what}{name}[{label}]", column) for label, column in zip(labels, values.T, strict=True))
 
 
 def _units(solution: Any) -> dict[str, str]:
     """Return the unit of each displacement and velocity; an empty dict if the units are not known."""
-    if solution.labels is None:
+    if not (solution.labels and solution.labels.units):
         return {}
     degrees = range(solution.u.shape[1] if solution.u.ndim > 1 else 1)
     return {solution.labels.name(letter, i): solution.labels.unit(letter, i) for letter in "uv" for i in degrees}
@@ -179,6 +180,7 @@ def _dataset(
     variables = [*_states(solution, (*axes, "dof") if has_degrees else axes, n), *further.items()]
     for name, values in (*solution.outputs.items(), *solution.z.items()):
         variables.append((name, (axes if values.ndim == len(axes) else (*axes, f"{name} component"), values)))
+    coordinates |= {f"{name} component": list(values) for name, values in labels.columns}
     dataset = xarray.Dataset(_distinct([*coordinates.items(), *variables]), attrs=attributes)
     return dataset.set_coords([*coordinates])
 
@@ -186,7 +188,7 @@ def _dataset(
 def _states(solution: Any, dims: tuple[str, ...], n: int) -> Iterator[tuple[str, Any]]:
     for letter in "uv":
         attributes: dict[str, Any] = {}
-        if solution.labels is not None:
+        if solution.labels and solution.labels.units:
             units = [solution.labels.unit(letter, i) for i in range(n)]
             attributes["units"] = units[0] if len({*units}) == 1 else units
         yield letter, (dims, getattr(solution, letter), attributes)

@@ -1,8 +1,9 @@
-"""Names and units of degrees of freedom."""
+"""Names and units of degrees of freedom, and names of the values of outputs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -14,20 +15,36 @@ class Labels:
     names : tuple of str
         The name of each degree of freedom, such as "x0"; empty if they have no names.
     units : str or tuple of str
-        Unit of all displacements, or of each displacement; "-" for a dimensionless number.
+        Unit of all displacements, or of each displacement; "-" for a dimensionless number, "" if it is not known.
     layout : str
         The layout of named parameters, as `Layout.text`.
+    columns : tuple of (str, tuple of str)
+        Each output whose values have names, and these names.
     """
 
     names: tuple[str, ...] = ()
     units: str | tuple[str, ...] = "m"
     layout: str = ""
+    columns: tuple[tuple[str, tuple[str, ...]], ...] = ()
+
+    @classmethod
+    def of(cls, labels: Labels | None, columns: tuple[tuple[str, tuple[str, ...]], ...]) -> Labels | None:
+        """Return the labels of a problem, if there are any, with the names of values of outputs."""
+        return replace(labels or cls(units=""), columns=columns) if columns else labels
+
+    def values(self, output: str, k: int) -> Sequence[str | int]:
+        """Return the names of the k values of an output, or their numbers."""
+        return dict(self.columns).get(output, range(k))
 
     def name(self, letter: str, i: int) -> str:
         """Return the name of "u" or "v" in the degree of freedom i: x0 and v_x0, or u0 and v0 without names."""
         if not self.names:
             return f"{letter}{i}"
         return self.names[i] if letter == "u" else f"{letter}_{self.names[i]}"
+
+    def place(self, i: int) -> str:
+        """Return the degree of freedom i in words, with its name if it has one."""
+        return f"degree of freedom {i}" + (f" ({self.names[i]})" if i < len(self.names) else "")
 
     def unit(self, letter: str, i: int = 0) -> str:
         """Return the unit of "u" or "v" in the degree of freedom i."""

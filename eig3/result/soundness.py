@@ -187,7 +187,9 @@ def _are_named(is_one: Test, x: Any) -> bool:
 
 
 def _are_labels(x: Any) -> bool:
-    return isinstance(x, Labels) and _are_texts(x.names) and (isinstance(x.units, str) or _are_texts(x.units))
+    if not isinstance(x, Labels) or not (_are_texts(x.names) and (isinstance(x.units, str) or _are_texts(x.units))):
+        return False
+    return all(isinstance(name, str) and _are_texts(values) for name, values in x.columns)
 
 
 _IS_ONE: dict[type, Test] = {

@@ -43,12 +43,11 @@ WITH_TOLERANCES = RK5, RK8, RKN12  # other methods take a fixed step
 class Known(NamedTuple):
     """What a run that reached an accuracy has shown: the h or rtol for the next run, and its `ErrorEstimate.coarser`.
 
-    The latter is None if it is not sure. `is_first` is False after the first call.
+    The latter is None if it is not sure in the first call: in one of many calls, it may be right by chance.
     """
 
     value: float
     coarser: float | None
-    is_first: bool = False
 
 
 #: What is known of a function, by the method and the accuracy.
@@ -220,7 +219,7 @@ def reach(
     cancel = deadline.of_runs
     first = of_call | {"check": False, "raise_on_failure": False, "cancel": cancel}
     known, search = learned(rhs), _Search(goal, knob, deadline)
-    value, coarser, is_first = known.get(key) or (search.first(start[0]), search.coarser, True)
+    value, coarser = known.get(key) or (search.first(start[0]), search.coarser)
     value = min(value, longest) if knob == "h" else value
     while True:
         prepared = prepare(**{**options, knob: value})
@@ -234,7 +233,7 @@ def reach(
             break
         value, coarser = following, search.coarser
     if search.reached:
-        known[key] = _to_remember(goal, solution, value, is_first)
+        known[key] = known[key]._replace(value=value) if key in known else _to_remember(goal, solution, value)
         return solution
     is_late = solution.status is Status.INTERRUPTED and deadline.has_passed
     if search.runs and (is_late or solution.status is not Status.INTERRUPTED):
@@ -262,14 +261,13 @@ def _error(goal: Goal, solution: Solution, cancel: Any, coarser: float | None) -
     return solution.check(cancel=cancel)
 
 
-def _to_remember(goal: Goal, solution: Solution, value: float, is_first: bool) -> Known:
+def _to_remember(goal: Goal, solution: Solution, value: float) -> Known:
     """Return what later calls begin with: a larger tolerance, if the first call has found a far smaller error."""
     error = solution.error
     assert error
     if solution.steps is None:
-        is_sure = error.coarser is not None and 2 <= error.coarser < math.inf and not error.notes
-        return Known(value, error.coarser if is_sure else None)
-    if is_first and 0 < (miss := max(goal.misses(solution).values())) < _FAR_BELOW:
+        return Known(value, None if error.notes else error.coarser)
+    if 0 < (miss := max(goal.misses(solution).values())) < _FAR_BELOW:
         value = min(_LARGEST_RTOL, min(_LARGER, AIM / miss) * value)
     return Known(value, RATIO)
 

@@ -113,7 +113,8 @@ def with_functions(
             layout = Layout.of_text(state["layout"])
         rhs, jacobian = layout.bind(rhs), layout.bind(jacobian)
         events, invariants, outputs = map(layout.bind_all, (events, invariants, outputs))
-    given: dict[str, Any] = {"events": check_events(events), **check_functions(invariants, outputs)._asdict()}
+    functions = check_functions(invariants, outputs)
+    given: dict[str, Any] = {"events": check_events(events), **functions._asdict()}
     names: dict[str, Mapping[str, Any]]
     names = {"events": solution.events, "invariants": solution.drift, "outputs": solution.outputs}
     for argument, known in names.items():
@@ -135,7 +136,7 @@ def with_functions(
         events=given.pop("events"),
         functions=Functions(**given),
         inline=check_flag(state["inline"], "inline"),
-        labels=labels,
+        labels=Labels.of(labels, functions.columns),
         first_order=first_order,
     )
     run = kind.restored(solution, System(rhs, form, options))

@@ -16,7 +16,7 @@ from ..functions.checks import check_flag, check_params, check_resolution, check
 from ..functions.first_order import check_z0
 from ..functions.guard import guarded
 from ..functions.named import WITHOUT_NAMES, has_names, in_layout, named
-from ..functions.records import longest_step, records_of
+from ..functions.records import check_left_out, check_size, left_out_of, longest_step, records_of
 from ..functions.rules import Rules
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR, Form
@@ -81,6 +81,7 @@ class Prepared:
         self.options = options
         self._system: System = remembered(rhs, form, options)
         records = records_of(rhs)
+        self._left_out = left_out_of(rhs)
         self._records = records if records and (records.check or options.tolerances) else None
         self.rules = Rules(options.events, self._system.event_table, self._system.project) or None
         self._tolerances: dict[int, Tolerances] = {}
@@ -154,9 +155,12 @@ class Prepared:
         if self.options.layout or (type(params) not in WITHOUT_NAMES and has_names(params)):
             params = in_layout(self.options.layout, params)
         span, p, longest = check_span(span), guarded(check_params(params)), math.inf
+        is_own = bool(self._defaults) and params is self._defaults[3]
+        if self._left_out is not None and self._defaults and not is_own:
+            check_size(self._system.rhs, p, np.size(self._defaults[3]))
+            check_left_out(self._left_out, p)
         if self._records or self.rules:
             n = u.size - self._system.first_order.size
-            is_own = bool(self._defaults) and params is self._defaults[3]
             longest = self._longest if is_own else longest_step(self._records, params, n)
             if self.rules:
                 u, v = self.rules.starts(n, span, u, v, p)

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.singular_position import AT_SINGULAR, is_singular
-from ..diagnosis.stiffness import MANY_STEPS, STATES, stiffness
+from ..diagnosis.stiffness import MANY_STEPS, STATES, VERY_MANY_STEPS, stiffness, vibration
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
 from ..kernels.protocol import AT_END, BEFORE_END, FULL, SCALAR, TOO_SMALL
 from ..result.error_estimate import Companion, ErrorEstimate, estimate
+from ..result.labels import Labels
 from ..result.solution import Solution, Status, whole_rows
 from ..result.storage import going_on
 from ..stepping.march import Cancel
@@ -234,7 +235,8 @@ class VariableRun(Run):
                 return f"{self.message} rhs raises {type(error).__name__} at t = {t:g}."
             if not np.isfinite(a).all():
                 bad = int(np.argmin(np.isfinite(a)))
-                return f"{self.message} rhs gives {a[bad]} for degree of freedom {bad} at t = {t:g}."
+                place = (stepper.system.labels or Labels()).place(bad)
+                return f"{self.message} rhs gives {a[bad]} for {place} at t = {t:g}."
         sizes = np.abs(stepper.state[:3]).max(axis=1)
         return (
             f"{self.message} rhs is finite there: the largest |u| is {sizes[0]:.3g}, the largest |v| {sizes[1]:.3g}, "
@@ -298,11 +300,14 @@ class VariableRun(Run):
         return [*notes, stiff] if stiff else notes
 
     def _stiffness(self) -> str:
-        """Describe a stiff motion; empty if the run is short or not stiff."""
+        """Describe what limits the steps in place of the tolerance; empty if the run is short, or nothing does."""
         stepper = self.stepper
-        if stepper.index < MANY_STEPS or not stepper.system.callback.reads_velocity or stepper.system.history:
+        may_be_stiff = stepper.index >= MANY_STEPS and stepper.system.callback.reads_velocity
+        may_vibrate = stepper.index >= VERY_MANY_STEPS and stepper.n > 1
+        if stepper.system.history or not (may_be_stiff or may_vibrate):
             return ""
-        return stiffness(stepper.running, stepper.acceleration, self._states_of_steps(), "rtol")
+        given = stepper.running, stepper.acceleration, [*self._states_of_steps()]
+        return (may_be_stiff and stiffness(*given, "rtol")) or (may_vibrate and vibration(*given)) or ""
 
     def _states_of_steps(self) -> Iterator[tuple[float, Any, Any, float]]:
         """Return some states with their steps, at equal numbers of steps, and the last state after a whole step."""

@@ -196,7 +196,8 @@ class RigidBody:
         other : RigidBody or None
         torque : jitted function
             ``torque(t)`` or ``torque(t, angle, rate)``, N m. The angle is the rotation relative to the other body since
-            the start, from -pi to pi, rad; the rate is in rad/s.
+            the start, from -pi to pi, rad; the rate is in rad/s. It has no parameters: for gains that differ between
+            the members of an ensemble, give `torsional_spring` a `Link` with fields, whose tension is minus the torque.
         axis : array_like, shape (3,), optional
             In space, the axis of the torque.
         """

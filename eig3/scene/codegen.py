@@ -89,6 +89,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         functions["rhs"].py_func.shares = Shares(functions["share"], source.team, assembly.n)
     if source.records:
         functions["rhs"].py_func.records = Records(functools.partial(tables, tuple(source.records)))
+    functions["rhs"].py_func.left_out = np.array(source.left_out, dtype=int)
     if assembly.constraints:
         keeping = functions["projection"], functions["constrained_step"]
         place = writing.place_of_constraints
@@ -102,9 +103,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         "rhs": functions["rhs"],
         "energy": functions.get("energy"),
         "events": writing.events_of(functions, assembly.events),
-        "outputs": {"reactions": (functions["reactions"], len(assembly.constraints.names))}
-        if assembly.constraints
-        else {},
+        "outputs": {"reactions": (functions["reactions"], assembly.constraints.rows)} if assembly.constraints else {},
         "params": source.params,
     }
 

@@ -51,6 +51,16 @@ class ConstraintSystem:
     kinds: list[tuple[Placed, np.ndarray]]
 
     @property
+    def rows(self) -> tuple[str, ...]:
+        """A different name for each row: the name, and the number of the row if several have it."""
+        several, seen = Counter(self.names), Counter[str]()
+        found = []
+        for name in self.names:
+            found.append(f"{name} {seen[name]}" if several[name] > 1 else name)
+            seen[name] += 1
+        return tuple(found)
+
+    @property
     def depends_on_time(self) -> bool:
         return any({"distance", "target"} & law.effect.functions().keys() for law, _ in self.kinds)
 

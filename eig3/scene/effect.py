@@ -151,7 +151,8 @@ class Effect:
         """Return whether the accelerations that the effect causes depend on the velocities."""
         functions = self.functions()
         acting = [functions[name] for name in (*FORCES, "motion") if name in functions]
-        return RATE in functions or any({"v", "rate"} & set(arguments(function)) for function in acting)
+        read = {"v", "rate"} - {*_fields(self)}
+        return RATE in functions or any(read & set(arguments(function)) for function in acting)
 
     def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
         """Return the parameters that the functions read, for points of a shape.
@@ -521,7 +522,10 @@ class Motion(Effect):
     takes: ClassVar[tuple[int, ...]] = (1,)
 
     def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
-        return super().columns((), dimension)  # one motion for all points that it moves
+        for name in (name for name in self._read() if name not in self.arrays):
+            if self._values(name, dimension).ndim > (name in self.vectors):
+                raise ValueError(f"{name} of {self.title} is the same for all points: add a motion for each point.")
+        return super().columns((), dimension)
 
     def check(self, dimension: int) -> None:
         super().check(dimension)

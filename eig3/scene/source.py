@@ -140,6 +140,8 @@ class Source(Writer):
         small.
     records : list of (tuple, tuple)
         The `Other.place` of the times and the values of each motion with a record.
+    left_out : list of int
+        The places in p of the components that are 0 in all members.
     is_of_part : bool
         Whether the current lines are for the masses of a part, from low to end.
     """
@@ -148,6 +150,7 @@ class Source(Writer):
         super().__init__()
         self._parts: list[np.ndarray] = []
         self.size = 0
+        self.left_out: list[int] = []
         self._wanted: list[str] = []  # names, by the numbers that replace them until the source is written
         self.functions: dict[str, Any] = {}
         self._first_state, self._first_rate, cloud = assembly.coordinates, assembly.degrees, assembly.cloud
@@ -180,7 +183,11 @@ class Source(Writer):
         if values.ndim == 2:
             is_zero = (values == 0).all(axis=0)
             zero = tuple((is_zero & (is_place or not is_zero.all())).tolist())
-        return Column(self.add(values.T), len(values), zero)
+        offset, count = self.add(values.T), len(values)
+        self.left_out += [
+            offset + k * count + s for k, is_zero in enumerate(zero or ()) if is_zero for s in range(count)
+        ]
+        return Column(offset, count, zero)
 
     def symbols(self, law: Placed) -> Symbols:
         """Append the parameters of a law to p, and name its functions."""

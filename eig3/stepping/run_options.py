@@ -168,6 +168,7 @@ def run_options(
     save_every = None if save_every is None or t_eval is not None else check_count(save_every, "save_every")
     functions = check_functions(invariants, outputs, invariants_every)
     events, inline = check_events(events), check_flag(inline, "inline")
+    labels = Labels.of(labels, functions.columns)
     return RunOptions(h, tolerances, method, save_every, t_eval, events, functions, inline, labels, first_order, layout)
 
 

@@ -126,7 +126,7 @@ def check_links(links: Any, names: Sequence[str], n: int, u0: np.ndarray) -> tup
         parts.setdefault(kind, []).append((ends, columns))
     if not parts:
         return (), {}
-    values: dict[str, Any] = {"states": 0}
+    values: dict[str, Any] = {"states": 0, "links": 0}
     titles = [kind.title for kind in parts]
     kinds = sorted(parts, key=lambda kind: titles.index(kind.title))  # the states of a title are together
     for k, kind in enumerate(kinds):
@@ -135,6 +135,7 @@ def check_links(links: Any, names: Sequence[str], n: int, u0: np.ndarray) -> tup
         values |= {f"link_{k}_first": ends[0], f"link_{k}_second": ends[1]}
         for name in kind.fields():
             values[f"link_{k}_{name}"] = np.concatenate([columns[name] for _, columns in given])
+        values["links"] += ends.shape[1]
         values["states"] += ends.shape[1] * kind.size * kind.has_state
     return tuple(kinds), values
 

@@ -73,6 +73,11 @@ def check_together(params: Any, n: int) -> None:
     for name in {"K", "C"} & {*has}:
         if tuple(has[name].shape) != (n, n):
             raise ValueError(f"params[{name!r}] must have the shape ({n}, {n}), not {tuple(has[name].shape)}.")
+    given = sum(len(values) for name, values in has.items() if re.fullmatch(r"link_\d+_first", name))
+    if given != has.get("links", given):
+        raise ValueError(
+            f"params must keep the number of links, {has['links']}, not have {given}: make another problem."
+        )
     for name, values in has.items():
         link = re.match(r"link_\d+_", name)
         count = len(has[f"{link[0]}first"]) if link else 0

@@ -13,6 +13,7 @@ import numpy as np
 from ..ensembles.solution import EnsembleSolution
 from ..functions.callbacks import jit
 from ..functions.layout import bound_layout
+from ..functions.quantities import shape_of
 from ..kernels.compile.source import define
 from ..problem import Problem
 from ..result.solution import Status
@@ -120,7 +121,7 @@ class Measure:
         if self.output not in problem.outputs:
             raise self._unknown(problem.outputs)
         found, index = problem.outputs[self.output], self._index()
-        count = found[1] if isinstance(found, tuple) else 1
+        (count,) = shape_of(found) or (1,)
         if self.kind == "drift":
             raise ValueError(f"--measure {self} does not fit: take max, min, peak or end of an output.")
         if self.kind == "end" and index is None and count > 1:
