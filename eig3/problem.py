@@ -636,7 +636,7 @@ class Problem:
         return show(self.view, solution, path, name=self.name, look=look, has_seconds=has_seconds, t_end=t_end)
 
     def _check_own(self, solution: Any) -> None:
-        """Refuse what is no solution, one without states, or of other degrees of freedom if this problem shows points."""
+        """Refuse what is no solution, and one without states or with other degrees of freedom than the points shown."""
         if not isinstance(solution, Solution):
             kind = type(solution).__name__
             raise TypeError(f"solution must be a Solution, such as a member ensemble[0], not {kind}.")
