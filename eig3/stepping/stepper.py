@@ -127,22 +127,21 @@ class Stepper(March):
         self = object.__new__(cls)
         self.h = h
         a = self._begin(system, t0, u, v, params, times)
-        self.state[0], self.state[1] = u, v
         if self.first_sizes[2] < _SMALL:
-            self._set_past(u, v, a)
+            past = self.kernel.formulas.start(u, v, a, h)
         else:
             with np.errstate(over="ignore"):  # a past value that overflows makes the first step non-finite
-                self._set_past(u, v, a)
-        return self
-
-    def _set_past(self, u: Any, v: Any, a: Any) -> None:
-        """Write the past values of a method that starts at a state."""
-        for k, values in enumerate(self.kernel.formulas.start(u, v, a, self.h)):
+                past = self.kernel.formulas.start(u, v, a, h)
+        self.state[0], self.state[1] = u, v
+        for k, values in enumerate(past):
             self.state[2 + k] = values
+        return self
 
     def _start_anew(self) -> None:
         u, v = self.u, self.v
-        self._set_past(u, v, self.acceleration(self.t, u, v))
+        past = self.kernel.formulas.start(u, v, self.acceleration(self.t, u, v), self.h)
+        for k, values in enumerate(past):
+            self.state[2 + k] = values
         self.counters[EVALUATIONS] += 1
         self.counters[ANEW] = self.index
 
