@@ -89,8 +89,7 @@ def integrate(
     invariants, invariants_every : dict of str to jitted function, int
         Functions ``e(t, u, v, p) -> float`` that the motion should conserve, evaluated at about every so many steps.
     outputs : dict of str to jitted function, or to (jitted function, k)
-        Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values; see `outputs` and `extremes`.
-        In place of k, a tuple of texts names the values in tables.
+        Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values; a tuple of their names may be k.
     h_max, first_step, max_steps : float, float, int
         With rtol: the longest step, the first step, and the largest number of steps.
     inline : bool
