@@ -176,7 +176,9 @@ def test_the_integrals_of_a_member_that_diverges_end_with_it():
 
 @pytest.mark.system
 def test_a_worker_compiles_a_function_once(client):
-    compiled_once = eig3.jit(lambda t, u, v, p: -p[0] * u - 0.01 * v)
+    @eig3.jit
+    def compiled_once(t, u, v, p):
+        return -p[0] * u - 0.01 * v
 
     def known(part):
         lanes = [known for function, known in lanewise._known.items() if function.__name__ == "compiled_once"]

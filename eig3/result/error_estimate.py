@@ -290,15 +290,14 @@ def _scale(solution: Any) -> Any:
 
 
 def written(solution: Any) -> Any:
-    """Return which degrees of freedom do not move: only events change them, such as whether a string is broken.
+    """Return which degrees of freedom are states that only events change, such as whether a string is broken.
 
-    They have other units than what moves, and an event that is a little late leaves them as different as they can be.
+    They have no unit, and do not move. An event that is a little late leaves them as different as they can be.
     """
-    axis = solution.t.ndim - 1
-    if not solution.events:
+    axis, units = solution.t.ndim - 1, solution.labels.units if solution.labels else ""
+    if isinstance(units, str) or not solution.events:
         return np.zeros(np.delete(solution.u.shape, axis), dtype=bool)
-    still = ~np.any(np.abs(solution.v) > 0, axis=axis)
-    return still & ~still.all()
+    return ~np.any(np.abs(solution.v) > 0, axis=axis) & (np.array(units) == "-")
 
 
 def _largest_of_each(u: np.ndarray) -> Any:
