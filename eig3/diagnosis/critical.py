@@ -243,7 +243,8 @@ def _decoupled(method: Method, system: Linearised) -> tuple[Method, Linearised, 
         method = method.without_velocity()  # an equal step, without a solve
     modes = _modes(system)
     if modes is None and not method.is_implicit and _sees_rates(method):
-        modes = _oscillators_of(system.rates())
+        k, c = _oscillators_of(system.rates())
+        modes = _without_errors(system, k, c, k.max(), math.sqrt(k.max()))
     return method, system if modes else system.fastest(_directions(method)), modes
 
 
@@ -285,11 +286,15 @@ def _modes(system: Linearised) -> tuple[np.ndarray, np.ndarray] | None:
     imaginary = max(np.abs(k.imag).max() / norm_k, np.abs(c.imag).max() / norm_c)
     if max(left_k, left_c) > _COMMUTING or imaginary > (_COMMUTING if system.is_complete else _COMPLEX):
         return None
-    k, c = k.real, c.real
+    return _without_errors(system, k.real, c.real, norm_k, fastest)
+
+
+def _without_errors(
+    system: Linearised, k: np.ndarray, c: np.ndarray, norm_k: float, fastest: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return k and c of modes, with zeros for what is an error of the differences: also where it seems to grow."""
     rigid = _RIGID if system.is_complete else _RIGID_PROJECTED
-    k[np.abs(k) < rigid * norm_k] = 0.0
-    c[np.abs(c) < rigid * fastest] = 0.0
-    return k, c
+    return np.where(np.abs(k) < rigid * norm_k, 0.0, k), np.where(np.abs(c) < rigid * fastest, 0.0, c)
 
 
 def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray, allowed: float) -> tuple[float, float, float]:
