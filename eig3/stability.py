@@ -16,7 +16,7 @@ from .functions.callbacks import check_callback, jit
 from .functions.checks import check_method
 from .kernels.loops.fixed import kernel
 from .kernels.methods.eig import kappa, sigma
-from .kernels.protocol import VECTOR, Steps
+from .kernels.protocol import EVENTS, VECTOR, Steps
 from .methods import EIG3, Method
 
 _ROUND_OFF = 1e-11  # round-off of an eigenvalue; at a limit found to 1e-10, the eigenvalues of a pair are 1e-5 apart
@@ -113,7 +113,7 @@ def step_once(method: Method, rhs: Any, params: np.ndarray, state: np.ndarray) -
     settings = np.array(method.settings, dtype=np.float64)
     callbacks = check_callback(rhs, "rhs", VECTOR).address, None
     take = kernel(formulas, method.order, VECTOR, 0, looks=0)  # the kernel for any number of oscillators
-    taken, _, _ = take(callbacks, whole, settings, np.zeros(4), steps, None)
+    taken, _, _ = take(callbacks, whole, settings, np.zeros(EVENTS), steps, None)
     return whole[:rows] if taken else np.full_like(state, np.nan)
 
 

@@ -24,13 +24,14 @@ from .compile.numba_internals import (
     row_over,
 )
 
-#: The entries of a kernel's `counters`: two counts, and the residual and the degree of freedom of a failed solve.
+#: The first entries of a kernel's `counters`: two counts, and the residual and the degree of freedom of a failed solve.
 EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
 
-#: Further entries for a run with events or tolerances: the time, the next step and the step before, the logarithm of
-#: the last error, the number of rejected steps, the largest |u| and |v| so far, the next of `Watch.times`, the number
-#: of occurrences in the log, the index of the step at which a multistep method started anew, the time between the last
-#: two resets, the event that ended the run, and 1 if a call ended within a fixed step because the log was full.
+#: Further entries, most of them for a run with events or tolerances: the time, the next step and the step before, the
+#: logarithm of the last error, the number of rejected steps, the largest |u| and |v| so far, the next of `Watch.times`,
+#: the number of occurrences in the log, the index of the step at which a multistep method started anew, the time
+#: between the last two resets, the event that ended the run, and 1 if a call ended within a fixed step because the log
+#: was full.
 TIME, STEP, STEP_BEFORE, ERROR, REJECTED, U_SIZE, V_SIZE = range(4, 11)
 NEXT, LOGGED, ANEW, GAP, ENDED_BY, WITHIN = range(11, 17)
 

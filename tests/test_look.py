@@ -190,7 +190,7 @@ class FixedRun:
         for k, values in enumerate((u0, v0, *formulas.start(u0, v0, a, h))):
             self.state[k] = values
         self.settings = np.array(running.settings, dtype=np.float64)
-        self.counters, self.look = np.zeros(4), None
+        self.counters, self.look = np.zeros(EVENTS), None
         looks = level(looked_for)
         if looks:
             made = look_of(form, n, start, work_rows=fixed.work_rows(formulas, order), rows=rows, **looked_for)
