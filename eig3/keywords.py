@@ -1,4 +1,4 @@
-"""Errors for unknown keywords, which suggest the right argument, also for the names of other codes."""
+"""Errors for wrong keywords and positions, which suggest the right argument, also for the names of other codes."""
 
 from __future__ import annotations
 
@@ -149,16 +149,30 @@ def with_suggestions(*further: Callable, fields: Collection[str] = ()) -> Callab
                 known, found = _names(public, *further, without=fields), _UNKNOWN.search(str(error))
                 refused = [found[1]] if found else keywords.keys() - known if _MISSING.search(str(error)) else []
                 unknown = [name for name in keywords if name in refused]
-                if not unknown:
+                by_position = _positional(public)
+                if not unknown and (by_position is None or len(args) <= len(by_position)):
                     raise
             *kind, name = public.__qualname__.split(".")
             owner = [type(args[0]).__name__] if kind else []
             name = re.sub(r"\.__(init|call)__$", "", ".".join([*owner, name]))
-            raise refusal(name, unknown[0], known, fields)
+            if unknown:
+                raise refusal(name, unknown[0], known, fields)
+            first = [x for x in by_position if x not in _INTERNAL]
+            named = next((f", as in {name}(..., {x}=...)" for x in known if x not in first), "")
+            taken = f"only {', '.join(first)}" if first else "no argument"
+            raise TypeError(f"{name}() takes {taken} by position; give others by name{named}.")
 
         return call
 
     return decorated
+
+
+def _positional(function: Callable) -> list[str] | None:
+    """Return the names of the arguments that may be given by position; None if their number has no limit."""
+    parameters = inspect.signature(function).parameters.values()
+    if any(x.kind is x.VAR_POSITIONAL for x in parameters):
+        return None
+    return [x.name for x in parameters if x.kind in (x.POSITIONAL_ONLY, x.POSITIONAL_OR_KEYWORD)]
 
 
 def _names(function: Callable, *further: Callable, without: Collection[str] = ()) -> list[str]:

@@ -3,6 +3,7 @@
 import dataclasses
 import inspect
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ import eig3
 from eig3 import effects, problems
 from eig3.keywords import _ELSEWHERE
 from eig3.scene import RigidBody, Scene
+
+from .conftest import spring
 
 ELSEWHERE = {
     "LAMMPS's epsilon": (effects.LennardJones, "eps", "epsilon"),
@@ -134,6 +137,19 @@ def test_a_prepared_run_and_a_problem_answer_too():
         assert pickle.loads(pickle.dumps(build)) is build
         with pytest.raises(TypeError, match=rf"{name}\(\) has no argument 't_ends'; did you mean t_end\?"):
             build(t_ends=1.0)
+
+
+def test_too_many_arguments_by_position_are_refused_in_a_sentence():
+    problem = eig3.problems.single_dof()
+    for call, sentence in [
+        (lambda: eig3.integrate(spring, (0, 1), 1.0, 0.0, 0.1), "integrate() takes only rhs, t_span, u0, v0 by "),
+        (lambda: problem.integrate(0.1), "Problem.integrate() takes no argument by position; give others by name, as "),
+        (lambda: eig3.Stepper(spring, 1.0, 0.0, 0.1), "Stepper() takes only rhs, u0, v0 by position; "),
+        (lambda: eig3.prepare(spring, (0, 1)), "prepare() takes only rhs by position; give others by name, as in "),
+        (lambda: problem.with_(0.1), "Problem.with_() takes no argument by position; give others by name."),
+    ]:
+        with pytest.raises(TypeError, match=f"^{re.escape(sentence)}"):
+            call()
 
 
 def test_errors_from_inside_stay():
