@@ -157,7 +157,7 @@ def with_suggestions(*further: Callable, fields: Collection[str] = ()) -> Callab
             name = re.sub(r"\.__(init|call)__$", "", ".".join([*owner, name]))
             if unknown:
                 raise refusal(name, unknown[0], known, fields)
-            first = [x for x in by_position if x not in _INTERNAL]
+            first = [x for x in by_position or () if x not in _INTERNAL]
             named = next((f", as in {name}(..., {x}=...)" for x in known if x not in first), "")
             taken = f"only {', '.join(first)}" if first else "no argument"
             raise TypeError(f"{name}() takes {taken} by position; give others by name{named}.")
