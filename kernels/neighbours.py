@@ -216,9 +216,10 @@ def bounds(count, part, parts):
 
 @element
 def scan(t, u, p, place, part, parts, d):
-    """Copy the positions of the masses of a part, and note how far one of them has moved since the list was built.
+    """Copy the positions of the masses of a part, and note how far a point has moved since the list was built.
 
-    In a box that shears, what a point moves with the flow since then counts for the way between two points only.
+    The first part has the fixed points too: the scene writes where they are if a motion moves them. In a box that
+    shears, what a point moves with the flow since then counts for the way between two points only.
     """
     if p[place + MARK] != IS_LIST:
         raise ValueError(
@@ -228,7 +229,8 @@ def scan(t, u, p, place, part, parts, d):
     x, built = floats(p, area(p, place, X), d * count), floats(p, area(p, place, BUILT), d * count)
     index = integers(p, area(p, place, NUMBER), count)
     worst, strain = 0.0, p[place + SHEAR] * (t - p[place + BUILT_AT])
-    start, end = bounds(int64(p[place + MASSES]), part, parts)
+    masses = int64(p[place + MASSES])
+    start, end = bounds(masses, part, parts)
     for i in range(start, end):
         at, square = int64(index[i]), 0.0
         for k in range(d):
@@ -238,6 +240,11 @@ def scan(t, u, p, place, part, parts, d):
                 way -= strain * built[d * i + 1]
             x[d * i + k] = now
             square += way * way
+        worst = max(worst, square if square == square else math.inf)
+    for i in range(masses, count if part == 0 else masses):
+        square = 0.0
+        for k in range(d):
+            square += (x[d * i + k] - built[d * i + k]) ** 2
         worst = max(worst, square if square == square else math.inf)
     floats(p, place + _MOVED, MOST_PARTS)[part] = worst
 

@@ -409,6 +409,36 @@ def test_points_touch_at_the_sum_of_their_radii(radii):
         np.testing.assert_array_equal(np.flatnonzero(np.abs(by_python(close)) > 1.0), pushed)
 
 
+@eig3.jit
+def steadily(t):
+    return t, 1.0
+
+
+def test_a_bed_on_a_floor_that_moves_steadily_is_a_bed_at_rest():
+    """The laws are the same in both frames."""
+    speed, count, rng = np.array([0.5, -0.25, 0.125]), 50, np.random.default_rng(3)
+    along = 0.21 * np.arange(5)
+    places = np.stack(np.meshgrid(along, along, [0.195, 0.4], indexing="ij"), axis=-1).reshape(count, 3)
+    places += rng.uniform(-0.005, 0.005, places.shape)
+    speeds, spins = rng.uniform(-0.3, 0.3, places.shape), rng.uniform(-2.0, 2.0, places.shape)
+    runs = []
+    for moves in (False, True):
+        scene = Scene(3)
+        tiles = np.stack(np.meshgrid(*[0.2 * np.arange(6)] * 2, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+        floor = scene.fixed(tiles)
+        bed = scene.mass(M, places, speeds + moves * speed, inertia=SPHERE, angular_velocity=spins)
+        scene.add(hertz_mindlin(restitution=0.8), bed)
+        scene.add(hertz_mindlin(restitution=0.8), bed, others=floor)
+        scene.add(effects.Gravity((0.0, 0.0, -9.81)))
+        scene.add(effects.SupportMotion(steadily, moves * speed), floor)
+        runs.append(scene.problem((0.0, 0.05), work=True).integrate(h=1e-4))
+    rest, moving = runs
+    way = np.concatenate([np.repeat(speed, count), np.zeros(3 * count)]) * moving.t[:, None]
+    np.testing.assert_allclose(moving.u - way, rest.u, atol=1e-9)  # round-off of 0.02 m, in contacts of 1e7 Pa
+    np.testing.assert_allclose(moving.drift["energy"], rest.drift["energy"], rtol=1e-3)
+    assert abs(moving.z["work"][-1] - rest.z["work"][-1]) > 0.01  # the floor works on the bed
+
+
 def test_spin_is_a_degree_of_freedom():
     problem = oblique(spin=2.0).problem((0, 0.01))
     assert problem.names == ("x0", "x1", "y0", "y1", "angle0", "angle1")

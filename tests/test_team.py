@@ -115,12 +115,14 @@ ROUGH = effects.HertzMindlin(E=300.0, nu=0.3, contact_distance=1.0, friction=0.5
 
 
 def of_grains():
-    """Discs that roll and slide on one another and on fixed ones, in no order, beside springs and other contacts."""
+    """Discs that roll and slide on one another and on a floor that moves, beside springs and other contacts."""
     x, v = cloud()
     scene = Scene(2)
     grains = scene.mass(np.linspace(0.5, 2, len(x)), x, v, inertia=0.1, angular_velocity=np.linspace(-3, 3, len(x)))
     scene.add(replace(ROUGH, contact_distance=np.linspace(0.9, 1.1, len(x))), grains)
-    scene.add(ROUGH, grains, others=scene.fixed(WALL))
+    floor = scene.fixed(WALL)
+    scene.add(ROUGH, grains, others=floor)
+    scene.add(effects.SupportMotion(swing, (0.2, 0.5)), floor)
     scene.add(effects.LinearSpring(50.0, 1.0), grains[:50], grains[50:100])
     scene.add(effects.HertzContact(10.0, 1.3), grains, exclude_bonded=("1-2",))
     scene.add(effects.Gravity((0.0, -1.0)))

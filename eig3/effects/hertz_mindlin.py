@@ -97,7 +97,7 @@ class HertzMindlin(FrictionalContact, Touching):
     as the arm of a spin, which is here the distance to the contact.
 
     Not included: rolling and twisting friction, cohesion (``jkr``, ``dmt``), several materials in one effect, and walls
-    other than fixed spheres.
+    other than spheres.
 
     The order of every method is at most 2 in a run with this effect: a spring advances once a step, by the trapezoidal
     rule. EIG-3, ``rk2`` and methods of a higher order keep order 2 while no contact begins, ends, or changes between

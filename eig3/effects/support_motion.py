@@ -28,7 +28,8 @@ class SupportMotion(Motion):
     Other codes: OpenSees ``imposedMotion`` in a ``pattern MultipleSupport``; LAMMPS ``fix move variable``; MuJoCo: a
     mocap body.
 
-    Not included: rotation of the supports.
+    A rotation about the origin by w t is two motions of each point, which add up: along (x, y) by cos(w t) - 1, and
+    along (-y, x) by sin(w t).
     """
 
     motion: Callable

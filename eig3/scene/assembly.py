@@ -20,7 +20,7 @@ from .cell import Cell
 from .constraint import Constraint
 from .effect import FORCES, RATE, Body, Effect, Link, Motion
 from .names import words
-from .pair_force import PairForce, check_rest
+from .pair_force import PairForce
 from .placed import Placed, joined
 
 if TYPE_CHECKING:
@@ -200,17 +200,26 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Supports:
-    """The fixed points of cells.
+    """The fixed points of cells, and of pair forces if a motion moves one of them.
 
     Attributes
     ----------
+    points : ndarray of int, shape (supports,)
+        Their numbers in the scene.
     positions : ndarray, shape (supports, dimension)
     moved : list of (int, ndarray of int, shape (supports,))
         A law of motion, and 1 + the member of the law that moves each support, or 0.
     """
 
+    points: np.ndarray
     positions: np.ndarray
     moved: list[tuple[int, np.ndarray]]
+
+    def of_list(self, fixed: np.ndarray) -> np.ndarray:
+        """Return which supports the fixed points of a list are; none if none of them moves."""
+        places = np.flatnonzero(np.isin(self.points, fixed))
+        is_moved = any(members[places].any() for _, members in self.moved)
+        return np.searchsorted(self.points, fixed) if is_moved else places[:0]
 
 
 @dataclass(frozen=True)
@@ -326,8 +335,7 @@ def assemble(
     motions, moves = _motions(cloud, placed)
     bodies = _fused(_body_groups(cloud, placed))
     links = _fused(_link_groups(cloud, placed, moves))
-    meshes, supports = _meshes(cloud, placed, moves)
-    check_rest(pair_forces, placed)
+    meshes, supports = _meshes(cloud, placed, pair_forces, moves)
     bonds = bonds_of(placed, whole.bodies.carried) if any(x.exclude_bonded for x in pair_forces) else bonds_of((), {})
     given = bodies, links, meshes, supports, list(pair_forces), bonds, motions, events, states, rates
     assembly = Assembly(cloud, *given, constraints=None, follows_work=False)
@@ -470,14 +478,18 @@ def _link_groups(cloud: Cloud, placed: Sequence[Placed], moves: _Moves) -> list[
     return [part for groups in kinds.values() for part in _split(_joined(groups))]
 
 
-def _meshes(cloud: Cloud, placed: Sequence[Placed], moves: _Moves) -> tuple[list[Placed], Supports]:
-    """Return the cells of each kind, separately with and without supports, and their supports."""
+def _meshes(
+    cloud: Cloud, placed: Sequence[Placed], pair_forces: Sequence[PairForce], moves: _Moves
+) -> tuple[list[Placed], Supports]:
+    """Return the cells of each kind, separately with and without supports, and all supports."""
     kinds: dict[Any, list[Placed]] = {}
     for law in placed:
         if isinstance(law.effect, Cell):
             kinds.setdefault(_kind(law.effect), []).append(law)
     wholes = [joined(laws) for laws in kinds.values()]
-    used = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(x for whole in wholes for x in whole.points)]))
+    near = [points for pair_force in pair_forces for points in pair_force.points if moves.pattern[points].any()]
+    of_cells = [points for whole in wholes for points in whole.points]
+    used = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *of_cells, *near]))
     fixed = used[cloud.masses[used] == 0]
     index = cloud.free.copy()
     index[fixed] = np.count_nonzero(cloud.masses) + np.arange(fixed.size)
@@ -487,7 +499,7 @@ def _meshes(cloud: Cloud, placed: Sequence[Placed], moves: _Moves) -> tuple[list
         for side in np.unique(is_held):
             part = whole.take(np.flatnonzero(is_held == side))
             meshes.append(replace(part, points=tuple(index[points] for points in part.points)))
-    return meshes, Supports(cloud.positions[fixed], _moved(fixed, moves))
+    return meshes, Supports(fixed, cloud.positions[fixed], _moved(fixed, moves))
 
 
 def _moved(fixed: np.ndarray, moves: _Moves) -> list[tuple[int, np.ndarray]]:

@@ -62,6 +62,7 @@ class GrainsText(PairForceText):
     def _alone(self, stage: int, a: str) -> None:
         """Do a stage in one thread, in the function that threads would share."""
         self._line(f"kept, place = memory(p), int64({self.listing.place})")
+        self._at_present()
         self._line(f"lists(REFRESH, {self._time}, memory(u), kept, place, place, place)")
         given = f"{stage}, 0, 1, t, memory(u), memory(v), kept, memory({a})"
         self._line(f"share_at(code_address(share))({given})")
@@ -120,8 +121,7 @@ class GrainsText(PairForceText):
     def _add_power(self, loses: bool) -> None:
         self._contact()
         self._line(f"total -= tension * rate + {_dot('s', 'w')}")
-        if self._box.shears:
-            self._line("fx = tension * nx + sx", *self._box.power())
+        self._add_power_from_outside(lambda axis: f"tension * n{axis} + s{axis}")
 
     def begin(self) -> None:
         """Clear all springs."""
@@ -139,7 +139,9 @@ class GrainsText(PairForceText):
             self._alone(self._first + ADVANCING, "u")
             self._line("take_next(t, kept, springs)")
             return
-        given = "t, memory(u), memory(v), memory(p), place, springs"
+        self._line("kept = memory(p)")
+        self._at_present()
+        given = "t, memory(u), memory(v), kept, place, springs"
         self._line(f"advance_springs(share, lists, {self._number}, {given}, {self._source.team})")
 
     def _springs(self) -> None:

@@ -140,7 +140,7 @@ class MeshText(BlockText):
 
 
 class SupportsText(Text):
-    """The functions of the position and the velocity of a point of cells with supports."""
+    """The functions of the position and the velocity of a point: a mass, or a support of cells or of pair forces."""
 
     def __init__(self, assembly: Assembly, source: Source) -> None:
         super().__init__(assembly, source)

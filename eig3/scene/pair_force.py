@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ..kernels import neighbours
 from ..kernels.neighbours import Areas
-from .effect import RATE, Link, Motion
+from .effect import RATE, Link
 from .placed import Placed
 
 #: For each rule of `Link.mixed`: the function that computes the share of a point from its value, and the operator
@@ -186,23 +186,6 @@ def check_pair_force(pair_force: PairForce, cloud: Any) -> None:
     effect.check_group(pair_force, cloud)
 
 
-def check_rest(pair_forces: Sequence[PairForce], placed: Sequence[Placed]) -> None:
-    """Refuse pair forces with fixed points that a motion moves: the list stores their positions at the start.
-
-    Raises
-    ------
-    ValueError
-        The error names the effect.
-    """
-    moved = [law.points[0] for law in placed if isinstance(law.effect, Motion)]
-    for pair_force in pair_forces:
-        if moved and np.isin(np.concatenate(moved), np.concatenate(pair_force.points)).any():
-            raise ValueError(
-                f"{pair_force.effect.title} acts between near points, and a motion moves one of its fixed points: "
-                "give it two arguments of points, the ends of each link."
-            )
-
-
 @dataclass(frozen=True, eq=False)
 class Listing:
     """The neighbour list of a pair force in p.
@@ -219,6 +202,8 @@ class Listing:
         The index of the first mass if the indices are consecutive, otherwise -1.
     is_dense : bool
         Whether points have many neighbours at the start.
+    fixed : ndarray of int
+        The numbers of the fixed points in the scene, which are the last points of the list.
     values : ndarray
         The content of p at the place.
     """
@@ -231,6 +216,7 @@ class Listing:
     own: dict[str, int]
     begin: int
     is_dense: bool
+    fixed: np.ndarray
     values: np.ndarray
 
 
@@ -264,7 +250,8 @@ def listed(pair_force: PairForce, place: int, cloud: Any, u0: np.ndarray, pairs:
     follows = (np.diff(members.index) == 1).all()
     first = int(members.index[0]) if follows else -1
     is_dense = (room if found is None else found) >= _MANY_MATES * count
-    return Listing(begin, areas, count, members.index.size, room, own, first, is_dense, p[place:])
+    masses, fixed = members.index.size, members.points[members.index.size :]
+    return Listing(begin, areas, count, masses, room, own, first, is_dense, fixed, p[place:])
 
 
 def near_pairs(

@@ -49,6 +49,9 @@ class PairForceText(BlockText):
         self.listing = listed(pair_force, source.size, assembly.cloud, u0, pairs)
         source.add(self.listing.values)
         self._pair_force = pair_force
+        walls = assembly.supports.of_list(self.listing.fixed)
+        self._walls, self._walls_at = walls.size, source.add(neighbours.as_floats(self._n + walls))
+        self._speeds_at = source.add(np.zeros((len(self._axes), walls.size)))
         self._number = number  # the number of the list in the scene
         self._first = LISTS + number * STAGES
         used = ("memory", "floats", "integers", "batch", "REFRESH", "SCAN", "BUILD", "REACH")
@@ -61,6 +64,7 @@ class PairForceText(BlockText):
             self._act(lambda: self._on_both("", self._if_mass))
             return
         self._line(f"kept, place = memory(p), int64({self.listing.place})")
+        self._at_present()
         velocity = "v" if self._reads_rate else "u"  # a rhs that names v counts as reading it
         given = f"t, memory(u), memory({velocity}), kept, memory(a), place"
         self._line(f"add_forces(share, lists, {self._number}, {given}, {self._source.team})")
@@ -156,19 +160,45 @@ class PairForceText(BlockText):
 
     def power(self) -> None:
         loses = "potential" not in self._law.functions
-        if loses or self._box.shears:
+        if loses or self._box.shears or self._walls:
             self._refreshed(*self._functions)
             self._near([lambda: self._add_power(loses)])
 
     def _add_power(self, loses: bool) -> None:
         self._length(True)
         self._line(f"force = {self._tension}", *["total -= force * rate"] * loses)
+        self._add_power_from_outside(lambda axis: f"force * inverse * d{axis}")
+
+    def _add_power_from_outside(self, force: Callable[[str], str]) -> None:
+        """Add the power of images in a box that shears, and of walls that move, from the force on the point."""
         if self._box.shears:
-            self._line("fx = force * inverse * dx", *self._box.power())
+            self._line(f"fx = {force('x')}", *self._box.power())
+        if self._walls:
+            with self._block(f"if mate >= {self.listing.masses}"):
+                for c, axis in enumerate(self._axes):
+                    self._line(f"total += ({force(axis)}) * {self._speed_of_wall(c, 'mate', self.listing.masses)}")
+
+    def _at_present(self) -> None:
+        """Write where the fixed points of the list are, and their velocities, if a motion moves one of them."""
+        if not self._walls:
+            return
+        d, first = len(self._axes), self.listing.areas.x + len(self._axes) * self.listing.masses
+        self._line(f"walls = integers(kept, {self._walls_at}, {self._walls})")
+        with self._block(f"for k in range({self._walls})"):
+            for name, array in (("place", "u"), ("speed", "v")):
+                values = ", ".join(f"wall_{name}_{axis}" for axis in self._axes)
+                self._line(f"{values}, = corner_{name}(t, {array}, p, index(walls[k]))")
+            for c, axis in enumerate(self._axes):
+                self._line(f"{entry('kept', first + c, f'{d} * k')} = wall_place_{axis}")
+                self._line(f"{self._speed_of_wall(c, 'k')} = wall_speed_{axis}")
+
+    def _speed_of_wall(self, c: int, wall: str, first: int = 0) -> str:
+        return entry("kept", self._speeds_at + c * self._walls - first, wall)
 
     def _refreshed(self, *functions: str) -> None:
         """Refresh the list, and read the values that all pairs share."""
         self._line(f"kept, place = memory(p), int64({self.listing.place})")
+        self._at_present()
         self._line(f"lists(REFRESH, {self._time}, memory(u), kept, place, place, place)")
         self._views(*functions)
 
@@ -284,6 +314,10 @@ class PairForceText(BlockText):
             with self._only_if(self._if_mass):
                 self._line(f"j = {self._mass('mate')}")
                 self._line(*(f"e{axis} = {self._at('v', axis, 'j')}" for axis in self._axes))
+            if self._walls:
+                with self._block("else"):
+                    speeds = (self._speed_of_wall(c, "mate", self.listing.masses) for c in range(len(self._axes)))
+                    self._line(*(f"e{axis} = {speed}" for axis, speed in zip(self._axes, speeds, strict=True)))
             # with the point's velocity first, vector code and scalar code would round differently
             self._line(*(f"e{axis} -= {self._at('v', axis, 'i')}" for axis in self._axes))
             self._line(*self._box.rate())
