@@ -24,6 +24,7 @@ from eig3.effects import (
     LinearSpring,
     Maxwell,
     PlaneContact,
+    SupportMotion,
 )
 from eig3.kernels.methods import eig
 from eig3.planning.pilots import Pilots, Run
@@ -798,6 +799,19 @@ def test_a_plane_counts_with_the_speed_of_a_fall():
     depth = (2.5 * 9.81**2 / 1e6) ** 0.4
     found = scene.problem((0.0, 1.0)).critical_step()
     assert found.limit == pytest.approx(2 / math.sqrt(1.5e6 * math.sqrt(depth) / 2), rel=0.02)
+
+
+def test_a_wall_that_moves_counts_with_the_speed_of_a_bounce():
+    """A ball that the wall strikes at 3 m/s flies away at 6 m/s, and may strike another one."""
+
+    def struck(wall, speed):
+        scene = Scene(dimension=1)
+        floor, ball = scene.fixed(0.0), scene.mass(2.0, [1.0], speed)
+        scene.add(HertzContact(1e6, 0.1), ball, others=floor)
+        scene.add(SupportMotion(eig3.jit(lambda t: (t, 1.0)), (wall,)), floor)
+        return scene.problem((0.0, 1.0)).critical_step().limit
+
+    assert struck(3.0, -1.0) < struck(3.0, 0.0) == struck(0.0, -6.0)
 
 
 def test_grains_have_springs_along_their_surfaces():

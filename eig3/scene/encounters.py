@@ -3,8 +3,8 @@
 Two points approach until the work against the force between them equals their kinetic energy. The stiffness there,
 by differences of the force, is among the highest in the motion. For two points on which nothing else acts, it is a
 bound. For many points it is an estimate: the energy of a collision is the energy of the two fastest points at the
-start, with the speed that the forces on single masses would add over the span, and of the most compressed pair at the
-start.
+start, with the speed that the forces on single masses and a bounce off a moving wall would add over the span, and of
+the most compressed pair at the start.
 """
 
 from __future__ import annotations
@@ -22,11 +22,13 @@ from .bonds import bonded_pairs
 from .effect import FORCES
 from .frictional_contact import FrictionalContact
 from .pair_force import PairForce, near_pairs
+from .picture import moves
 from .placed import Placed
 
 _LEAST, _HALF, _CLOSEST = 1e-8, 0.5, 1e-12  # of the cutoff: where the approach of a pair begins, is halved, and ends
 _DEPTHS = 1e-18, 1e6  # depths of penetration into a plane, m
 _IN_A_DECADE = 100  # distances in a decade
+_TIMES = 65  # of a span, for the speed of walls
 _DIFFERENCE = 1e-4  # the relative step of differences over a distance or a speed
 
 #: The repulsive force of two points, as a function of their distance and of its rate.
@@ -102,16 +104,16 @@ class _Meeting:
 class Encounters:
     """The possible collisions of the points of a scene."""
 
-    def __init__(self, assembly: Assembly) -> None:
-        self._assembly, cloud = assembly, assembly.cloud
+    def __init__(self, assembly: Assembly, placed: Sequence[Placed]) -> None:
+        self._assembly, self._motions, cloud = assembly, moves(placed), assembly.cloud
         self._dimension, self._box = assembly.dimension, cloud.box
         self._masses = cloud.in_order(cloud.masses)
         self._inertia = cloud.in_order(cloud.inertia)
 
     @classmethod
-    def of(cls, assembly: Assembly) -> Encounters | None:
+    def of(cls, assembly: Assembly, placed: Sequence[Placed]) -> Encounters | None:
         """Return the encounters of a scene; None if nothing can collide, or points have no separate effective mass."""
-        self = cls(assembly)
+        self = cls(assembly, placed)
         meets = bool(assembly.pair_forces or any(self._of_links()) or any(self._planes()))
         return self if meets and not assembly.cloud.bodies.vectors else None
 
@@ -123,6 +125,7 @@ class Encounters:
         shape, count = (self._dimension, -1), self._dimension * self._masses.size
         x, velocity = u[:count].reshape(shape).T, v[:count].reshape(shape).T
         speeds = np.linalg.norm(velocity, axis=1) + span * np.linalg.norm(self._pulls(t, x, velocity), axis=1)
+        speeds += 2 * self._speed_of_walls(np.linspace(t, t + span, _TIMES).tolist())
         meetings = [*self._pairs(t, x, speeds), *self._pair_forces(t, x, speeds), *self._on_planes(t, x, speeds)]
         try:
             found = [one for meeting in meetings for one in meeting.hardest()]
@@ -158,6 +161,16 @@ class Encounters:
                         given = {"t": t, "x": tuple(x[i].tolist()), "v": tuple(v[i].tolist()), "m": m}
                         a[i] += np.array(law.call(name, s, given)) / (m if name == "force" else 1.0)
         return a
+
+    def _speed_of_walls(self, times: Sequence[float]) -> float:
+        """The largest speed at some times with which a motion moves a fixed point."""
+        return max(
+            (
+                float(np.linalg.norm(direction)) * max(abs(function(t, *given)[1]) for t in times)
+                for function, given, direction, _ in self._motions
+            ),
+            default=0.0,
+        )
 
     # Collisions -----------------------------------------------------------------------------------------------------
 

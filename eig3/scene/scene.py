@@ -316,7 +316,7 @@ class Scene(Description):
             names=names(assembly),
             units=units(assembly),
             z0=first_order(assembly),
-            encounters=Encounters.of(assembly),
+            encounters=Encounters.of(assembly, self._placed),
             masses=assembly.inertias,
             view=view,
             geometry=geometry,
