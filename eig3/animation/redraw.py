@@ -58,8 +58,10 @@ class Redraw:
 
 def _layers(figure: Any) -> tuple[list[Any], list[Any]]:
     """Return what is drawn before the first part of its axes that has moved, and the rest, without what is hidden."""
-    behind = [figure.patch]
-    front = [part for part in figure.get_children() if part is not figure.patch and part not in figure.axes]
+    behind, front = [figure.patch], []
+    for part in figure.get_children():
+        if part is not figure.patch and part not in figure.axes:  # such as a caption, which nothing covers
+            (front if _may_move(part) else behind).append(part)
     for axes in figure.axes:
         parts = [part for part in axes.get_children() if part is not axes.patch]
         if _is_space(axes):  # the axis is drawn before all other parts, whose order may change
