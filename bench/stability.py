@@ -147,7 +147,7 @@ def growth_of_run(method: Method, Omega: float) -> float:
     stepper = problems.single_dof(omega=1.0).stepper(h=Omega, method=method)
     start = _size(stepper)
     while _size(stepper) < _OVERGROWN and stepper.index < _MOST_GROWING_STEPS:
-        stepper.advance(1000)
+        stepper.advance(1000 + stepper.index // 10)
     return math.expm1(math.log(_size(stepper) / start) / stepper.index)
 
 
