@@ -103,6 +103,7 @@ class March:
     h: float
     index, seconds, ended = 0, 0.0, GOING
     raised_before: int | None = None
+    _before: Mapping[str, Any] | None = None  # the state before the last call that took steps
     changed_at: float | None = None
     _carried: int  # the number of rows of the state without scratch
     _slices: Slices | None = None
@@ -141,6 +142,7 @@ class March:
             raise ValueError(f"params must keep their shape {self.p.shape}, and not have {given.shape}.")
         if not np.array_equal(given, self.p):
             self.p[...] = given
+            self._before = None
             self._start_anew()
 
     def _start_anew(self) -> None:
@@ -314,7 +316,15 @@ class March:
             self._lock.release()
 
     def back(self) -> None:
-        """Restore the state before the last call that took steps. `seconds` still includes its time."""
+        """Restore the state before the last call that took steps. `seconds` still includes its time.
+
+        Raises
+        ------
+        RuntimeError
+            If no steps were taken, or none since a change of `params`, with which the method started anew.
+        """
+        if self._before is None:
+            raise RuntimeError("there are no steps to take back since the start, or since the last change of params.")
         with DeferredInterrupt(), self._alone():
             self.restore(self._before)
 
@@ -338,6 +348,7 @@ class March:
 
     def before(self) -> Any:
         """Return an independent march at the state before the last call that took steps."""
+        assert self._before is not None
         other = self.fork()
         other.restore(self._before)
         return other
