@@ -377,6 +377,7 @@ NINES = "9" * 5000
         ("duffing --set omega=1:2:9000000000 --set u0=0:1:9000000000", "a study of 8.1e+19 members needs"),
         ("duffing --set omega=1:2 --random 100000000000000", "a study of 1e+14 members needs"),
         ("duffing --set omega=1:2 --random 5 --seed -1", "--seed must be a whole number of at least 0, not -1."),
+        ("duffing --set omega=1:2:5 --seed 3", "--seed is for random members: give --random too."),
         ("hardening_chain --set n=2:1e300:2", "--set n takes whole numbers below 2^53, not up to 1e+300."),
         ("hardening_chain --set n=2:1e300 --random 2", "--set n takes whole numbers below 2^53, not up to 1e+300."),
         ("hardening_chain --fix n=1e300 --set speed=1:2:2", "--fix n takes whole numbers below 2^53, not 1e+300."),

@@ -159,6 +159,8 @@ class Study:
             raise ValueError(f"give one or two parameters with --set, not {len(axes)}; --random takes any number.")
         if seed < 0:
             raise ValueError(f"--seed must be a whole number of at least 0, not {shown(seed)}.")
+        if seed and random is None:
+            raise ValueError("--seed is for random members: give --random too.")
         m = math.prod(axis.count or 0 for axis in axes) if random is None else random
         check_study(m, len(axes) + len(measures) + 1)
         columns = _columns(axes, parameters, random, seed)
