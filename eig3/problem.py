@@ -20,7 +20,7 @@ from .ensembles.ensemble import ensemble
 from .ensembles.named_members import of_members
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import check_callback, reads_velocity
-from .functions.checks import check_method, check_params, check_span, check_state, reals
+from .functions.checks import check_h, check_method, check_params, check_span, check_state, reals
 from .functions.events import EffectEvent, Event
 from .functions.first_order import NONE, FirstOrder, check_z0
 from .functions.guard import guarded
@@ -169,6 +169,11 @@ class Problem:
         u0, v0, form = check_state(self.u0, self.v0)
         own: dict[str, Any]  # independent of later changes by the caller
         own = {"u0": u0, "v0": v0, "t_span": check_span(self.t_span), "outputs": dict(self.outputs)}
+        own["h"] = None if self.h is None else check_h(self.h)
+        for name in ("names", "units", "masses"):
+            value, n = getattr(self, name), np.size(u0)
+            if not (value is None or isinstance(value, str) or np.size(value) in (0, n)):
+                raise ValueError(f"{name} must have {n} values, one for each degree of freedom, not {np.size(value)}.")
         unknowns, z = check_z0(self.rhs, self.z0 or None if isinstance(self.z0, Mapping) else self.z0, form)
         own |= {"z0": unknowns.named(z), "unknowns": unknowns}
         own |= {"rhs": unknowns.bind_rhs(self.rhs), "energy": unknowns.bind(self.energy)}

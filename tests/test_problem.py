@@ -1,5 +1,7 @@
 """`Problem`: changed copies, and options that belong to the problem."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -139,3 +141,17 @@ def test_the_start_of_a_scalar_problem_is_a_number():
     problem = eig3.Problem("oscillator", spring, 1, np.array(0.0), 4, [0, 1])
     for each in (problem, problem.with_(u0=2)):
         assert type(each.u0) is type(each.v0) is float
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("h", -0.1, "h must be a positive, finite number of time units, not -0.1."),
+        ("names", ("x",), "names must have 2 values, one for each degree of freedom, not 1."),
+        ("units", ("m", "m", "rad"), "units must have 2 values, one for each degree of freedom, not 3."),
+        ("masses", [1.0, 2.0, 3.0], "masses must have 2 values, one for each degree of freedom, not 3."),
+    ],
+)
+def test_fields_are_checked_before_a_run(field, value, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        eig3.Problem("springs", springs, [0.6, 0.1], [0.0, 0.5], [4.0, 9.0], (0.0, 1.0), **{field: value})

@@ -58,7 +58,8 @@ class Redraw:
 
 def _layers(figure: Any) -> tuple[list[Any], list[Any]]:
     """Return what is drawn before the first part of its axes that has moved, and the rest, without what is hidden."""
-    behind, front = [figure.patch], []
+    behind: list[Any] = [figure.patch]
+    front: list[Any] = []
     for part in figure.get_children():
         if part is not figure.patch and part not in figure.axes:  # such as a caption, which nothing covers
             (front if _may_move(part) else behind).append(part)

@@ -7,6 +7,7 @@ import math
 import threading
 from collections.abc import Iterator, Mapping
 from functools import partial
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -103,7 +104,7 @@ class March:
     h: float
     index, seconds, ended = 0, 0.0, GOING
     raised_before: int | None = None
-    _before: Mapping[str, Any] | None = None  # the state before the last call that took steps
+    _before: Mapping[str, Any] = MappingProxyType({})  # the state before the last call that took steps
     changed_at: float | None = None
     _carried: int  # the number of rows of the state without scratch
     _slices: Slices | None = None
@@ -142,7 +143,7 @@ class March:
             raise ValueError(f"params must keep their shape {self.p.shape}, and not have {given.shape}.")
         if not np.array_equal(given, self.p):
             self.p[...] = given
-            self._before = None
+            self._before = {}
             self._start_anew()
 
     def _start_anew(self) -> None:
@@ -323,7 +324,7 @@ class March:
         RuntimeError
             If no steps were taken, or none since a change of `params`, with which the method started anew.
         """
-        if self._before is None:
+        if not self._before:
             raise RuntimeError("there are no steps to take back since the start, or since the last change of params.")
         with DeferredInterrupt(), self._alone():
             self.restore(self._before)
@@ -348,7 +349,6 @@ class March:
 
     def before(self) -> Any:
         """Return an independent march at the state before the last call that took steps."""
-        assert self._before is not None
         other = self.fork()
         other.restore(self._before)
         return other
