@@ -286,6 +286,18 @@ def test_members_with_a_sparse_matrix_and_parameters_of_their_own_run_one_at_a_t
     assert not any("sparse" in note for note in problem.ensemble(u0=np.ones((16, 2)), **steps).notes)
 
 
+def test_each_member_can_have_a_sparse_matrix():
+    K = chain_parameters(2)["K"]
+    problem = eig3.Problem("rows", rows_of_entries, np.ones(2), np.zeros(2), {"K": K, "scale": 1.0}, (0, 1))
+    runs = problem.ensemble(params=[{"K": factor * K} for factor in (1.0, 1.1)], **H)
+    scaled = problem.ensemble(params={"scale": [1.0, 1.1]}, **H)
+    np.testing.assert_allclose(runs.u, scaled.u, rtol=0, atol=1e-13)  # the products are rounded in another order
+    with pytest.raises(
+        TypeError, match=r"^params must be a list for a sparse matrix of each member: \[{'K': \.\.\.}, "
+    ):
+        problem.ensemble(params={"K": [K, K]}, **H)
+
+
 @eig3.jit
 def whole_array(t, u, v, p, a):
     k = np.asarray(p.k)

@@ -54,6 +54,8 @@ def of_members(changes: Any, base: Parameters) -> OfMembers:
         If a name, a shape or a number of members is wrong.
     """
     layout = base.layout
+    if isinstance(changes, list) and changes and all(map(_has_matrix, changes)):
+        changes = [base._replace(**each) for each in changes]
     if _has_parameters_each(changes):
         rows = [np.asarray(in_layout(layout, each)) for each in changes]
         if any(row.size != rows[0].size for row in rows):
@@ -68,6 +70,8 @@ def of_members(changes: Any, base: Parameters) -> OfMembers:
     for name, value in given.items():
         if name not in layout.names:
             raise unknown_name("params has", name, layout.names)
+        if isinstance(value, list) and any(map(is_of_scipy, value)):
+            raise TypeError(f"params must be a list for a sparse matrix of each member: [{{'{name}': ...}}, ...].")
         kind = layout.kinds[layout.names.index(name)]
         if table is not None or (kind.ndim >= 0 and np.ndim(value) == kind.ndim + 1):
             each[name] = np.asarray(value)
@@ -128,6 +132,11 @@ def split(rhs: Any, params: Any, t0: float, u0: ArrayLike, v0: ArrayLike, h: Arr
                 "members."
             )
     return of_members(each, base), base
+
+
+def _has_matrix(member: Any) -> bool:
+    """Return whether the parameters of a member, in a dictionary, have a sparse matrix."""
+    return isinstance(member, Mapping) and any(map(is_of_scipy, member.values()))
 
 
 def _takes(rhs: Any, form: Form, params: Mapping[str, Any], t0: float, *starts: ArrayLike) -> bool:
