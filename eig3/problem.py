@@ -668,9 +668,9 @@ class Problem:
         solution : Solution
             A run of this problem. With `save_to`, it may be larger than the memory.
         path : str or path
-            The file, which is replaced if it exists. The suffix sets the format: ".extxyz", extended XYZ; ".dump", the
-            text dump of LAMMPS; ".dcd", which has positions only, at equal distances in time; ".pvd", a collection of
-            VTU meshes in a folder of the same name; ".vtkhdf", the same meshes in one file.
+            The file, which is replaced if it exists. The suffix sets the format: ".extxyz" or ".xyz", extended XYZ;
+            ".dump", the text dump of LAMMPS; ".dcd", which has positions only, at equal distances in time; ".pvd", a
+            collection of VTU meshes in a folder of the same name; ".vtkhdf", the same meshes in one file.
         types : str or int, or array_like of these with shape (points,), optional
             The species of each point, such as "Ar", in the order in which the points were added, with fixed points; by
             default 1, and 2 for fixed points.

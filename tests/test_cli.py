@@ -411,7 +411,7 @@ def test_a_problem_with_negative_times_and_an_unknown_named_u(tmp_path, monkeypa
     sweep = ["sweep", "hard.py:problem", "--t-end", "-4", "--set", "u0[0]=1:2:2", "--out", ".", "--measure"]
     assert main([*sweep, "max:F, N"]) == 0
     assert Path("sweep.csv").read_text() == 'u0[0],"max:F, N",status\n1.0,1.0,completed\n2.0,4.0,completed\n'
-    with pytest.raises(SystemExit, match=r"path must end with .extxyz, .dump, .dcd, .pvd, .vtkhdf, not 'X.PVD'"):
+    with pytest.raises(SystemExit, match=r"path must end with .extxyz, .xyz, .dump, .dcd, .pvd, .vtkhdf, not 'X.PVD'"):
         main(["run", "spring_pendulum", "--out", "X.PVD"])
 
 

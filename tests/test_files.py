@@ -70,7 +70,9 @@ def test_extended_xyz_is_read_by_ase(atoms, tmp_path):
     problem, solution, x, v = atoms
     species = np.where(np.arange(64) < 32, "Ar", "Kr")
     problem.export(solution, tmp_path / "run.extxyz", types=species, scale=2.0)
-    frames = ase.io.read(tmp_path / "run.extxyz", index=":")
+    problem.export(solution, tmp_path / "run.xyz", types=species, scale=2.0)
+    assert (tmp_path / "run.xyz").read_text() == (tmp_path / "run.extxyz").read_text()
+    frames = ase.io.read(tmp_path / "run.xyz", index=":")
     assert len(frames) == len(solution.t) == 5
     for frame, t, row, rates in zip(frames, solution.t, x, v, strict=True):
         np.testing.assert_allclose(frame.positions, 2 * row, rtol=TEXT)
@@ -453,7 +455,7 @@ def test_bad_exports_are_refused(atoms, tmp_path, monkeypatch):
         with pytest.raises(kind, match=message):
             source.export(run, tmp_path / name, **options)
 
-    fails(ValueError, r"path must end with \.extxyz, .*, not 'run.xyz'", "run.xyz")
+    fails(ValueError, r"path must end with \.extxyz, .*, not 'run.pdb'", "run.pdb")
     fails(ValueError, r"path must end with \.vtkhdf or \.pvd, .* not with \.xdmf: 'run\.xdmf'", "run.xdmf")
     fails(FileNotFoundError, "create .*nowhere' first", "nowhere/run.dump")
     fails(ValueError, r"types must be one for all points, or have the shape \(64,\)", types=[1, 2])

@@ -17,7 +17,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_method_and_end(parser, "eig3, or with --rtol rkn12, rk8 or rk5")
     parser.add_argument("--check", action="store_true", help="estimate the error of u from runs with other steps")
     text = "folder for NAME.npz, NAME.png and, if the history is short, NAME.csv; or a file for OVITO, VMD or ParaView,"
-    add_out(parser, f"{text} .extxyz, .dump, .dcd, .pvd or .vtkhdf", type=_folder_or_file)
+    add_out(parser, f"{text} .extxyz, .xyz, .dump, .dcd, .pvd or .vtkhdf", type=_folder_or_file)
     parser.add_argument("--animate", action="store_true", help="also write an animation, NAME.gif, to DIR or here")
     parser.add_argument("--format", choices=("gif", "mp4", "html"), help="the format of the animation (default: gif)")
     parser.add_argument(

@@ -19,6 +19,7 @@ from .trajectory import Trajectory
 #: By the ending: the module that writes a file, and the libraries that it needs.
 FORMATS = {
     ".extxyz": ("extxyz",),
+    ".xyz": ("extxyz",),
     ".dump": ("lammps_dump",),
     ".dcd": ("dcd", "MDAnalysis"),
     ".pvd": ("paraview", "meshio"),
