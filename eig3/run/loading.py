@@ -120,7 +120,10 @@ def with_functions(
     for argument, known in names.items():
         if set(known) != set(given[argument]):
             wanted = ", ".join(map(repr, known)) or "none"
-            raise ValueError(f"{argument} must have the same names as in the run: {wanted}.")
+            raise ValueError(
+                f"{argument} must have the same names as in the run: {wanted}; problem.load gives the functions of a "
+                "problem."
+            )
         given[argument] = {name: given[argument][name] for name in known}
     if (jacobian is not None) != state["has_jacobian"]:
         what = "the method of the run has a jacobian: give" if jacobian is None else "the run has none: leave out"
