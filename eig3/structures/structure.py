@@ -18,7 +18,7 @@ class Structure(Problem):
     """A problem of `eig3.linear`: M u'' + C u' + K u = f."""
 
     def modes(self, count: int, *, influence: ArrayLike | None = None) -> Modes:
-        """Return the lowest natural modes without damping.
+        """Return the lowest natural modes of M and K: without C, whether it is damping or gyroscopic.
 
         Parameters
         ----------
