@@ -1,5 +1,6 @@
 """Values from outside that Numba compiles into a function: the next run has those that hold when it begins."""
 
+import time
 import types
 import weakref
 
@@ -160,7 +161,8 @@ print("compiled" if captured_module.rhs in compiled else "loaded")
 
 @pytest.mark.system
 def test_code_on_the_disk_has_the_value_of_this_process(tmp_path, monkeypatch):
-    text = "import eig3\nK = 1.0\n\n@eig3.jit(cache=True)\ndef rhs(t, u, v, p):\n    return -K * u\n"
+    text = "import eig3\nK = 1.0\n\n@eig3.jit(cache=True)\ndef rhs(t, u, v, p):\n    return -K * u if t < "
+    text += f"{time.time_ns()} else 0.0\n"  # other code than in an earlier run of this test
     (tmp_path / "captured_module.py").write_text(text)
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
 
