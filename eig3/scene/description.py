@@ -19,8 +19,7 @@ from .cell import same_points
 from .effect import Body, Effect, Link, arguments
 from .frictional_contact import FrictionalContact
 from .pair_force import PairForce, check_pair_force
-from .picture import moves
-from .placed import Placed
+from .placed import Placed, moves
 from .point_joint import PointJoint
 
 _ANGLES = {1: 0, 2: 1, 3: 3}  # of a mass that spins, by the dimension

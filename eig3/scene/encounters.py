@@ -22,8 +22,7 @@ from .bonds import bonded_pairs
 from .effect import FORCES
 from .frictional_contact import FrictionalContact
 from .pair_force import PairForce, near_pairs
-from .picture import moves
-from .placed import Placed
+from .placed import Placed, moves
 
 _LEAST, _HALF, _CLOSEST = 1e-8, 0.5, 1e-12  # of the cutoff: where the approach of a pair begins, is halved, and ends
 _DEPTHS = 1e-18, 1e6  # depths of penetration into a plane, m

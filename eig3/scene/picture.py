@@ -14,11 +14,11 @@ from ..geometry import Geometry
 from .assembly import STATE, Bodies, Cloud
 from .cell import Cell
 from .constraint import Constraint
-from .effect import Body, Link, Motion, arguments
+from .effect import Body, Link
 from .force_chains import ForceChains
 from .mesh import surface
 from .pair_force import PairForce
-from .placed import Placed
+from .placed import Placed, moves
 
 _TRAILS = 3  # masses of a scene with trails, at most
 _PLANES = 20  # planes of effects that are drawn, at most
@@ -257,17 +257,6 @@ def _surfaces(cloud: Cloud, bodies: np.ndarray) -> dict[int, tuple[np.ndarray, n
             corners.append(flat[first])
         if corners:
             found[row] = np.concatenate(corners), np.concatenate(faces)
-    return found
-
-
-def moves(placed: Sequence[Placed]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:
-    """Return the motions of supports: functions, their arguments after the time, directions and points."""
-    found = []
-    for law in placed:
-        if isinstance(law.effect, Motion):
-            function = law.effect.functions()["motion"]
-            given = tuple(law.value(name, 0) for name in arguments(function) if name != "t")
-            found.append((function, given, law.columns["direction"][0], law.points[0]))
     return found
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .effect import FORCES, RATE, RESETS, Effect, arguments
+from .effect import FORCES, RATE, RESETS, Effect, Motion, arguments
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,3 +74,14 @@ def joined(parts: Sequence[Placed], of_arrays: Callable[[list[Any]], Any] = lamb
         for name in one.columns
     }
     return Placed(one.effect, columns, tuple(map(np.concatenate, zip(*(part.points for part in parts), strict=True))))
+
+
+def moves(placed: Sequence[Placed]) -> list[tuple[Any, tuple, np.ndarray, np.ndarray]]:
+    """Return the motions of supports: functions, their arguments after the time, directions and points."""
+    found = []
+    for law in placed:
+        if isinstance(law.effect, Motion):
+            function = law.effect.functions()["motion"]
+            given = tuple(law.value(name, 0) for name in arguments(function) if name != "t")
+            found.append((function, given, law.columns["direction"][0], law.points[0]))
+    return found
