@@ -134,9 +134,12 @@ def look_of(form, n, start, *, work_rows, quantities=(), events=(), times=(), ro
     applies = [apply and check_callback(apply, "apply", form, "apply") for _, apply, *_ in events]
     watch = Watch(
         np.array(
-            [(g.address, a.address if a else 0, *e[2:], 1, 0, 0) for g, a, e in zip(gs, applies, events, strict=True)],
+            [
+                (g.address, a.address if a else 0, *e[2:], 1, 0, 0, 0)
+                for g, a, e in zip(gs, applies, events, strict=True)
+            ],
             dtype=np.int64,
-        ).reshape(-1, 7),
+        ).reshape(-1, 8),
         np.empty((log if events else 0, 2 + 4 * n)),
         np.array(times, dtype=np.float64),
         np.empty(len(times)),

@@ -190,6 +190,11 @@ def test_outputs_are_measured_and_memory_goes_on_after():
     assert whole.measures[1].label(problem) == "largest moments[4]"
 
 
+def test_a_seed_without_a_random_sample_is_refused():
+    with pytest.raises(SystemExit, match=r"^eig3 sweep: --seed is the seed of --random: give --random too\.$"):
+        main(["sweep", "spring_pendulum", "--set", "k=60:120:3", "--measure", "end:u0", "--seed", "1"])
+
+
 def test_a_random_sample_is_reproducible_and_within_its_limits(tmp_path):
     command = "spring_pendulum --set k=60:120 --set theta0=0.1:1:log --random 300 --t-end 0.1 --h 1e-2 --seed"
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):

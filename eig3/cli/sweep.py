@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "problem; peak is the largest size; may be repeated",
     )
     parser.add_argument("--random", type=count, metavar="COUNT", help="draw this number of members between FROM and TO")
-    parser.add_argument("--seed", type=int, default=0, help="the seed of --random (default: 0)")
+    parser.add_argument("--seed", type=int, help="the seed of --random (default: 0)")
     parser.add_argument("--after", type=float, metavar="T", help="measure from this time on only, s")
     parser.add_argument(
         "--h", type=float, help="the step, s (default: the shortest of `eig3 run` at the corners of the swept region)"
@@ -59,6 +59,8 @@ def run(options: argparse.Namespace) -> int:
     from ..sweep.report import report, save
     from ..sweep.study import Study
 
+    if options.random is None and options.seed is not None:
+        raise SystemExit("eig3 sweep: --seed is the seed of --random: give --random too.")
     build = builder(options.problem, "eig3 sweep")
     with reported("eig3 sweep"):
         study = Study.plan(
@@ -67,7 +69,8 @@ def run(options: argparse.Namespace) -> int:
             [Measure.parse(text) for text in options.measures],
             fixed=dict(_fixed(text) for text in options.fixed),
             method="eig3" if options.method is None else options.method,
-            **{name: getattr(options, name) for name in ("random", "seed", "h", "t_end", "after")},
+            seed=options.seed or 0,
+            **{name: getattr(options, name) for name in ("random", "h", "t_end", "after")},
         )
         interrupt = None
         try:

@@ -71,6 +71,11 @@ def of_members(changes: Any, base: Parameters) -> OfMembers:
         kind = layout.kinds[layout.names.index(name)]
         if table is not None or (kind.ndim >= 0 and np.ndim(value) == kind.ndim + 1):
             each[name] = np.asarray(value)
+        elif kind.ndim < 0 and isinstance(value, list | tuple | np.ndarray) and np.ndim(value) != 2:
+            raise ValueError(
+                f"params[{name!r}] must be one sparse matrix for all members: for a matrix for each member, make a "
+                "problem for each, and give params=[first.params, second.params]."
+            )
         else:
             shared[name] = value
     m = _common_length(each)

@@ -106,6 +106,8 @@ class March:
     changed_at: float | None = None
     _carried: int  # the number of rows of the state without scratch
     _slices: Slices | None = None
+    _before: dict[str, Any] | None = None  # the state before the last call that took steps
+    _has_changed = False  # whether `params` have changed since the last call that took steps
 
     def _begin(self, system: System, t0: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None) -> Any:
         """Set the state to the start, and return the acceleration there; `params` must come from `guarded`."""
@@ -142,6 +144,7 @@ class March:
         if not np.array_equal(given, self.p):
             self.p[...] = given
             self._start_anew()
+            self._has_changed = True
 
     def _start_anew(self) -> None:
         """Let the method forget the past accelerations, because f has changed."""
@@ -247,7 +250,7 @@ class March:
         -----
         After an exception in a function, the march is at the state before the call.
         """
-        self._before = self.kept()
+        self._before, self._has_changed = self.kept(), False
         end, kernel = self.index + count, self.kernel
         self.ended, self.raised_before = GOING, None
         if self.system.shares is None:
@@ -315,8 +318,12 @@ class March:
 
     def back(self) -> None:
         """Restore the state before the last call that took steps. `seconds` still includes its time."""
+        if self._before is None:
+            raise RuntimeError("this stepper has taken no steps: call advance before back.")
         with DeferredInterrupt(), self._alone():
             self.restore(self._before)
+            if self._has_changed:
+                self._start_anew()
 
     def fork(self) -> Any:
         """Return an independent march at the same state, as `copy.copy` does. It saves nothing at times of t_eval."""
