@@ -106,7 +106,7 @@ class March:
     changed_at: float | None = None
     _carried: int  # the number of rows of the state without scratch
     _slices: Slices | None = None
-    _before: dict[str, Any] | None = None  # the state before the last call that took steps
+    _before: Any = None  # the state before the last call that took steps
     _has_changed = False  # whether `params` have changed since the last call that took steps
 
     def _begin(self, system: System, t0: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None) -> Any:
