@@ -20,13 +20,13 @@ from .ensembles.ensemble import ensemble
 from .ensembles.named_members import of_members
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import check_callback, reads_velocity
-from .functions.checks import check_h, check_method, check_params, check_span, check_state, reals
-from .functions.events import EffectEvent, Event
+from .functions.checks import check_h, check_method, check_params, check_span, check_state, reals, shown
+from .functions.events import EffectEvent, Event, check_events
 from .functions.first_order import NONE, FirstOrder, check_z0
 from .functions.guard import guarded
 from .functions.layout import Layout
 from .functions.named import Parameters, has_names, in_layout, named
-from .functions.quantities import EnergyLessWork
+from .functions.quantities import EnergyLessWork, check_functions
 from .functions.records import check_left_out, check_size, left_out_of, longest_step, records_of
 from .geometry import Geometry
 from .kernels.protocol import SCALAR, VECTOR
@@ -168,16 +168,13 @@ class Problem:
     def __post_init__(self) -> None:
         u0, v0, form = check_state(self.u0, self.v0)
         own: dict[str, Any]  # independent of later changes by the caller
-        own = {"u0": u0, "v0": v0, "t_span": check_span(self.t_span), "outputs": dict(self.outputs)}
-        own["h"] = None if self.h is None else check_h(self.h)
-        for name in ("names", "units", "masses"):
-            value, n = getattr(self, name), np.size(u0)
-            if not (value is None or isinstance(value, str) or np.size(value) in (0, n)):
-                raise ValueError(f"{name} must have {n} values, one for each degree of freedom, not {np.size(value)}.")
+        own = {"u0": u0, "v0": v0, "t_span": check_span(self.t_span)}
+        own |= {"h": None if self.h is None else check_h(self.h), "outputs": check_functions({}, self.outputs).outputs}
+        self._check_degrees(np.size(u0))
         unknowns, z = check_z0(self.rhs, self.z0 or None if isinstance(self.z0, Mapping) else self.z0, form)
         own |= {"z0": unknowns.named(z), "unknowns": unknowns}
         own |= {"rhs": unknowns.bind_rhs(self.rhs), "energy": unknowns.bind(self.energy)}
-        own["events"] = unknowns.bind_all(dict(self.events))
+        own["events"] = unknowns.bind_all(check_events(self.events))
         params = named(self.params)
         own["params"] = params if isinstance(params, Parameters) else copy(params)
         if isinstance(params, Parameters):
@@ -793,6 +790,18 @@ class Problem:
         if name == "params":
             check_left_out(left_out_of(self.rhs), new)
         return new
+
+    def _check_degrees(self, n: int) -> None:
+        """Check the fields that have a value for each of the n degrees of freedom."""
+        for name, texts in (("names", self.names or ("",) * n), ("units", self.units)):
+            are_texts = isinstance(texts, list | tuple) and all(isinstance(text, str) for text in texts)
+            if not (are_texts and len(texts) == n) and not (name == "units" and isinstance(texts, str)):
+                raise ValueError(f"{name} must have a text for each of {n} degrees of freedom, not {shown(texts)}.")
+        if self.masses is not None:
+            masses = reals(self.masses, "masses")
+            if masses.shape != (n,) or not (masses > 0).all():
+                given = shown(self.masses)
+                raise ValueError(f"masses must have a positive number for each of {n} degrees of freedom, not {given}.")
 
     def _refuse_moving_states(self, v0: Any) -> None:
         """Refuse velocities of the states of effects, which are degrees of freedom that only events change."""

@@ -201,3 +201,27 @@ def test_random_sets_of_events(options, is_vector):
         if is_vector:
             times = solution.t
             np.testing.assert_allclose(solution.u[:, 1], 1 + times * times / 4, rtol=0, atol=1e-12)
+
+
+first_twice = eig3.jit(lambda t, u, v, p: (u[0] - 0.3) * (u[0] - 0.8))
+between = eig3.jit(lambda t, u, v, p: u[0] - 0.6)
+
+
+@eig3.jit
+def drifting(t, u, v, p, a):
+    a[0], a[1] = 0.0, 0.0
+
+
+@eig3.jit
+def turned(t, u, v, p):
+    v[1] = -v[1]
+
+
+@pytest.mark.parametrize("options", [{"h": 1.0}, {"h": 1.0, "method": "ab3"}, {"rtol": 1e-6, "first_step": 1.0}])
+@pytest.mark.parametrize("apply", [None, turned])
+def test_a_zero_before_a_reset_is_found_if_g_changes_its_sign_again_after_it(options, apply):
+    """The reset ends the step between two zeros of the other event. u[0] = t without error, up to some roundings."""
+    events = {"twice": Event(first_twice, apply=apply), "once": Event(between, apply=turned)}
+    run = eig3.integrate(drifting, (0, 1), [0.0, 0.0], [1.0, 1.0], events=events, **options)
+    np.testing.assert_allclose(run.events["twice"].t, [0.3, 0.8], rtol=1e-14)
+    np.testing.assert_allclose(run.events["once"].t, [0.6], rtol=1e-14)

@@ -65,6 +65,14 @@ def test_a_run_that_goes_on_has_the_drift_of_one_run(problem, tmp_path):
         assert (run.drift, run.n_invariants) == (whole.drift, whole.n_invariants)
 
 
+def test_a_loaded_run_that_begins_anew_evaluates_as_seldom(tmp_path):
+    """The steps of this short run follow from its span, so that `extend` repeats them."""
+    problem = eig3.problems.hertz_impact()
+    problem.integrate(rtol=1e-6, t_end=0.0111).save(tmp_path / "run.npz")
+    whole, run = problem.integrate(rtol=1e-6, t_end=0.03), problem.load(tmp_path / "run.npz").extend(0.03)
+    assert (run.drift, run.extremes, run.n_invariants) == (whole.drift, whole.extremes, whole.n_invariants)
+
+
 def test_outputs_are_evaluated_at_every_step_beside(problem):
     speed = eig3.jit(lambda t, u, v, p: np.sqrt(v[0] ** 2 + v[1] ** 2))
     run = problem.integrate(h=H, t_end=N * H, outputs={"speed": speed})

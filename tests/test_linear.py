@@ -374,6 +374,16 @@ def test_the_parameters_of_each_member_are_checked():
         loaded().ensemble(params=[loaded().params, other], h=0.01)
 
 
+def test_a_matrix_for_each_member_is_refused_with_the_remedy():
+    first, second = (eig3.linear(np.eye(2), K=k * np.eye(2), t_span=(0, 1), u0=[1.0, 0.0]) for k in (1.0, 4.0))
+    with pytest.raises(
+        ValueError, match=r"^params\['K'\] must be one sparse matrix for all members: .* give params=\["
+    ):
+        first.ensemble(params={"K": [np.eye(2), 4 * np.eye(2)]}, h=0.01)
+    members = first.ensemble(params=[first.params, second.params], h=0.01)
+    np.testing.assert_array_equal(members.u[1, -1], second.integrate(h=0.01).u[-1])
+
+
 def test_the_events_of_links_need_the_parameters_of_their_problem():
     """They read others at the places of these."""
     problem = eig3.linear([1.0], t_span=(0, 1), links=[(ElasticPlastic(1.0, 1.0), None, 0)])

@@ -162,6 +162,22 @@ def test_a_copy_of_a_stepper_is_independent():
         assert (other.u, other.v) == (stepper.u, stepper.v)
 
 
+@pytest.mark.parametrize("method", ["eig3", "ab3", "cd"])
+def test_going_back_keeps_new_parameters_and_starts_anew(method):
+    """The past accelerations of the state before are those of other parameters."""
+    first, other = (eig3.Stepper(spring, 1.0, 0.0, h=0.1, params=(1.0,), method=method) for _ in range(2))
+    with pytest.raises(RuntimeError, match=r"^this stepper has taken no steps: call advance before back\."):
+        first.back()
+    for stepper in (first, other):
+        stepper.advance(5)
+    first.advance(5)
+    first.params = other.params = (4.0,)
+    first.back()
+    for stepper in (first, other):
+        stepper.advance(5)
+    assert (first.u, first.v, first.n_rhs) == (other.u, other.v, other.n_rhs)
+
+
 def test_the_state_before_is_independent_too():
     stepper = eig3.Stepper(spring, 1.0, 0.0, h=0.1, params=(1.0,))
     stepper.advance(10)

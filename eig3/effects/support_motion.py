@@ -28,8 +28,8 @@ class SupportMotion(Motion):
     Other codes: OpenSees ``imposedMotion`` in a ``pattern MultipleSupport``; LAMMPS ``fix move variable``; MuJoCo: a
     mocap body.
 
-    A rotation about the origin by w t is two motions of each point, which add up: along (x, y) by cos(w t) - 1, and
-    along (-y, x) by sin(w t).
+    Not included: a rotation in one motion. About the origin by w t, it is two motions of each point, which add up:
+    along (x, y) by cos(w t) - 1, and along (-y, x) by sin(w t).
     """
 
     motion: Callable

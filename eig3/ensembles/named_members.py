@@ -70,11 +70,14 @@ def of_members(changes: Any, base: Parameters) -> OfMembers:
     for name, value in given.items():
         if name not in layout.names:
             raise unknown_name("params has", name, layout.names)
-        if isinstance(value, list) and any(map(is_of_scipy, value)):
-            raise TypeError(f"params must be a list for a sparse matrix of each member: [{{'{name}': ...}}, ...].")
         kind = layout.kinds[layout.names.index(name)]
         if table is not None or (kind.ndim >= 0 and np.ndim(value) == kind.ndim + 1):
             each[name] = np.asarray(value)
+        elif kind.ndim < 0 and isinstance(value, list | tuple | np.ndarray) and np.ndim(value) != 2:
+            raise ValueError(
+                f"params[{name!r}] must be one sparse matrix for all members: for a matrix for each member, give "
+                f"params=[{{{name!r}: ...}}, {{{name!r}: ...}}]."
+            )
         else:
             shared[name] = value
     m = _common_length(each)

@@ -121,14 +121,6 @@ def _module(name: str) -> Any:
         raise ImportError(f"to_{name} needs {name}: pip install 'eig3[{name}]'.") from None
 
 
-def _labels(solution: Any, n: int) -> Labels:
-    labels = solution.labels or _PLAIN
-    for what, given in (("names", labels.names), ("units", labels.units)):
-        if given and not isinstance(given, str) and len(given) != n:
-            raise ValueError(f"{what} of the problem must have one entry for each of the {n} degrees of freedom.")
-    return labels
-
-
 def _attributes(solution: Any) -> dict[str, Any]:
     method, status = repr(solution.method), solution.status.value
     return {"status": status, "message": solution.message, "method": method, "h": solution.h}
@@ -139,7 +131,7 @@ def _columns(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
     for letter in "uv":
         values = getattr(solution, letter)
         values = values[:, None] if values.ndim == 1 else values
-        labels = _labels(solution, values.shape[1])
+        labels = solution.labels or _PLAIN
         for i, column in enumerate(values.T):
             yield labels.name(letter, i), column
     for name, values in (*solution.outputs.items(), *solution.z.items()):
@@ -174,7 +166,7 @@ def _dataset(
     xarray = _module("xarray")
     has_degrees = solution.u.ndim > len(axes)
     n = solution.u.shape[-1] if has_degrees else 1
-    labels = _labels(solution, n)
+    labels = solution.labels or _PLAIN
     if has_degrees:
         coordinates["dof"] = list(labels.names) or np.arange(n)
     variables = [*_states(solution, (*axes, "dof") if has_degrees else axes, n), *further.items()]

@@ -14,7 +14,7 @@ from ..functions.events import Event, check_events
 from ..functions.first_order import FirstOrder, check_z0
 from ..functions.layout import Layout
 from ..functions.quantities import Functions, check_functions
-from ..kernels.protocol import SCALAR, VECTOR
+from ..kernels.protocol import SCALAR, SPACING, VECTOR
 from ..keywords import with_suggestions
 from ..result import storage
 from ..result.labels import Labels
@@ -113,7 +113,9 @@ def with_functions(
             layout = Layout.of_text(state["layout"])
         rhs, jacobian = layout.bind(rhs), layout.bind(jacobian)
         events, invariants, outputs = map(layout.bind_all, (events, invariants, outputs))
-    functions = check_functions(invariants, outputs)
+    with storage.going_on():  # a run from the start on, as `extend` may need it, evaluates them as often
+        invariants_every = max(1, int(state["stepper"]["counters"][SPACING]))
+    functions = check_functions(invariants, outputs, invariants_every)
     given: dict[str, Any] = {"events": check_events(events), **functions._asdict()}
     names: dict[str, Mapping[str, Any]]
     names = {"events": solution.events, "invariants": solution.drift, "outputs": solution.outputs}

@@ -7,7 +7,6 @@ import math
 import threading
 from collections.abc import Iterator, Mapping
 from functools import partial
-from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -104,10 +103,11 @@ class March:
     h: float
     index, seconds, ended = 0, 0.0, GOING
     raised_before: int | None = None
-    _before: Mapping[str, Any] = MappingProxyType({})  # the state before the last call that took steps
     changed_at: float | None = None
     _carried: int  # the number of rows of the state without scratch
     _slices: Slices | None = None
+    _before: Any = None  # the state before the last call that took steps
+    _has_changed = False  # whether `params` have changed since the last call that took steps
 
     def _begin(self, system: System, t0: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None) -> Any:
         """Set the state to the start, and return the acceleration there; `params` must come from `guarded`."""
@@ -143,8 +143,8 @@ class March:
             raise ValueError(f"params must keep their shape {self.p.shape}, and not have {given.shape}.")
         if not np.array_equal(given, self.p):
             self.p[...] = given
-            self._before = {}
             self._start_anew()
+            self._has_changed = True
 
     def _start_anew(self) -> None:
         """Let the method forget the past accelerations, because f has changed."""
@@ -250,7 +250,7 @@ class March:
         -----
         After an exception in a function, the march is at the state before the call.
         """
-        self._before = self.kept()
+        self._before, self._has_changed = self.kept(), False
         end, kernel = self.index + count, self.kernel
         self.ended, self.raised_before = GOING, None
         if self.system.shares is None:
@@ -317,17 +317,13 @@ class March:
             self._lock.release()
 
     def back(self) -> None:
-        """Restore the state before the last call that took steps. `seconds` still includes its time.
-
-        Raises
-        ------
-        RuntimeError
-            If no steps were taken, or none since a change of `params`, with which the method started anew.
-        """
-        if not self._before:
-            raise RuntimeError("there are no steps to take back since the start, or since the last change of params.")
+        """Restore the state before the last call that took steps. `seconds` still includes its time."""
+        if self._before is None:
+            raise RuntimeError("this stepper has taken no steps: call advance before back.")
         with DeferredInterrupt(), self._alone():
             self.restore(self._before)
+            if self._has_changed:
+                self._start_anew()
 
     def fork(self) -> Any:
         """Return an independent march at the same state, as `copy.copy` does. It saves nothing at times of t_eval."""

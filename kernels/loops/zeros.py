@@ -113,7 +113,7 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
             return (NOT_A_NUMBER, 0.0, t) if size < _OVERFLOWING else (PASSED, 1.0, t_end)
         crossing, side = _NEVER, counters[mine + SIDE]
         if not _is_unwanted(watch.events[k, _DIRECTION], side):
-            crossing, side = CROSSING(place, counters, k, g_end, t, h, n, coefficients, u, v, p, tolerance)
+            crossing, side = CROSSING(place, counters, k, 1.0, g_end, t, h, n, coefficients, u, v, p, tolerance)
         if crossing < 0:
             counters[ENDED_BY] = k
             return RESTING, 0.0, t
@@ -122,17 +122,17 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
         search[_END, k], counters[mine + SIDE] = g_end, side
         if side != 0:
             counters[mine + _FREE] = 0.0
-    outcome, s, stop = PASSED, 1.0, t_end
+    outcome, s, stop, near = PASSED, 1.0, t_end, _TOGETHER * tolerance
     if _earliest(search[_DUE], count) >= 0:  # where other events matter only if they are at the same time
         for k in range(count):
             side = counters[EVENTS + EVENT_VALUES * k + SIDE]
             if _is_unwanted(watch.events[k, _DIRECTION], side) and search[_CROSSING, k] == _NEVER:
                 search[_CROSSING, k], _ = CROSSING(
-                    place, counters, k, search[_END, k], t, h, n, coefficients, u, v, p, tolerance
+                    place, counters, k, 1.0, search[_END, k], t, h, n, coefficients, u, v, p, tolerance
                 )
     while True:
         k = _earliest(search[_DUE], count)
-        if k < 0 or search[_DUE, k] > (1.0 if outcome == PASSED else s + _TOGETHER * tolerance):
+        if k < 0 or search[_DUE, k] > (1.0 if outcome == PASSED else s + near):
             break
         if outcome == PASSED:
             s = search[_DUE, k]
@@ -145,6 +145,18 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
                     u[j], v[j] = u_end[j], v_end[j]
             for other in range(count):
                 search[_HERE, other] = EVENT(watch.events[other, G], stop, u, v, p)
+            is_first = True
+            for other in range(count):
+                side, here = counters[EVENTS + EVENT_VALUES * other + SIDE], search[_HERE, other]
+                has_crossed = here * side < 0 and search[_CROSSING, other] > s + near
+                matters = _may_stop(watch, k) or _may_stop(watch, other)  # g changes its sign again after s
+                if has_crossed and matters and not _is_unwanted(watch.events[other, _DIRECTION], side):
+                    crossing, _ = CROSSING(place, counters, other, s, here, t, h, n, coefficients, u, v, p, tolerance)
+                    search[_CROSSING, other], is_first = crossing, False
+                    if crossing > near:  # otherwise g was at its zero at the start
+                        search[_DUE, other] = crossing
+            if not is_first:
+                continue
         outcome = max(outcome, TAKE(place, counters, k, t0, stop, n, u, v, p))
         search[_DUE, k] = _NEVER
     if outcome == PASSED:
@@ -153,7 +165,6 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
             if search[_END, k] != 0 and counters[mine + _FREE] == 0:
                 counters[mine + SIDE] = search[_END, k]
         return outcome, 1.0, t_end
-    near = _TOGETHER * tolerance
     if outcome == RESET:
         for k in range(count):
             if watch.events[k, _FOLLOWS] != 0 and abs(search[_CROSSING, k] - s) > near:
@@ -203,13 +214,21 @@ def _note_side(search, counters, k, is_crossing, g):
 
 
 @element
+def _may_stop(watch, k):
+    """Return whether the step ends at an occurrence of the event k."""
+    return watch.events[k, _APPLY] != 0 or watch.events[k, _IS_TERMINAL] != 0
+
+
+@element
 def _is_unwanted(direction, side):
     """Return whether a change of sign from this side of zero is in the other direction than wanted."""
     return side != 0 and direction == (1 if side > 0 else -1)
 
 
-def crossing_within(place, counters, k, g_end, t, h, n, coefficients, u, v, p, tolerance):
+def crossing_within(place, counters, k, high, g_high, t, h, n, coefficients, u, v, p, tolerance):
     """Return the fraction of the step at which g of the event k changes its sign, or `_NEVER`, and the sign before.
+
+    The change is before the fraction `high`, with g there `g_high`. If the sign at the start is zero, `high` is 1.
 
     The counters have the sign of g at the start. If it is zero, the sign is that just after the start. They also have
     the sign from which the last reset of the event came, if it left g at zero, and otherwise zero. If g then leaves to
@@ -220,14 +239,14 @@ def crossing_within(place, counters, k, g_end, t, h, n, coefficients, u, v, p, t
     """
     address, mine = look_at(place).watch.events[k, G], EVENTS + EVENT_VALUES * k
     side = counters[mine + SIDE]
-    low, high, g_high, is_known = 0.0, 1.0, g_end, abs(side) > 0
+    low, is_known = 0.0, abs(side) > 0
     if not is_known:
         free, level, since = counters[mine + _FREE], counters[mine + _LEVEL], t - counters[mine + LAST]
-        low, g_low, side = DEPARTURE(address, free, level, since, g_end, t, h, n, coefficients, u, v, p, tolerance)
+        low, g_low, side = DEPARTURE(address, free, level, since, g_high, t, h, n, coefficients, u, v, p, tolerance)
     if low < 0:
         return low, side
     is_rising = side < 0
-    has_changed = g_end > 0 if is_rising else g_end < 0  # after a zero at the end, the next step shows it
+    has_changed = g_high > 0 if is_rising else g_high < 0  # after a zero at the end, the next step shows it
     if side == 0 or not has_changed:
         return _NEVER, side
     if is_known:
