@@ -26,7 +26,7 @@ from .functions.first_order import NONE, FirstOrder, check_z0
 from .functions.guard import guarded
 from .functions.layout import Layout
 from .functions.named import Parameters, has_names, in_layout, named
-from .functions.quantities import EnergyLessWork, check_functions
+from .functions.quantities import EnergyLessWork
 from .functions.records import check_left_out, check_size, left_out_of, longest_step, records_of
 from .geometry import Geometry
 from .kernels.protocol import SCALAR, VECTOR
@@ -169,7 +169,7 @@ class Problem:
         u0, v0, form = check_state(self.u0, self.v0)
         own: dict[str, Any]  # independent of later changes by the caller
         own = {"u0": u0, "v0": v0, "t_span": check_span(self.t_span)}
-        own |= {"h": None if self.h is None else check_h(self.h), "outputs": check_functions({}, self.outputs).outputs}
+        own |= {"h": None if self.h is None else check_h(self.h), "outputs": dict(self.outputs)}
         self._check_degrees(np.size(u0))
         unknowns, z = check_z0(self.rhs, self.z0 or None if isinstance(self.z0, Mapping) else self.z0, form)
         own |= {"z0": unknowns.named(z), "unknowns": unknowns}

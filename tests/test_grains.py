@@ -295,8 +295,13 @@ def test_the_springs_are_a_part_of_the_state(method, tmp_path, monkeypatch):
     np.testing.assert_array_equal(fork.u, run.u[-1])
     stepper.advance(1000)
     stepper.back()
+    if method == "rk4":  # which starts anew as it goes on
+        stepper.params = problem.params
     stepper.advance(6000 - 1234)
     np.testing.assert_array_equal(stepper.u, run.u[-1])
+    stepper.params = problem.params
+    with pytest.raises(RuntimeError, match="go back before you change params"):
+        stepper.back()
     parts = problem.integrate(**options, save_to=tmp_path / "parts")
     np.testing.assert_array_equal(parts.u, run.u)
     for skin in (0.01, 0.7):

@@ -147,8 +147,6 @@ def test_the_start_of_a_scalar_problem_is_a_number():
         ("h", -1, r"^h must be a positive, finite number"),
         ("events", {"impact": spring}, r"^events\['impact'\] must be an eig3\.Event, not "),
         ("events", [spring], r"^events must be a dictionary of names and events"),
-        ("outputs", {1: spring}, r"^the names in outputs must be strings, not 1\."),
-        ("outputs", [spring], r"^outputs must be a dictionary of names and jitted functions"),
         ("masses", [1.0], r"^masses must have a positive number for each of 2 degrees of freedom, not \[1\.0\]\."),
         ("masses", [1.0, -1.0], r"^masses must have a positive number for each of 2 degrees of freedom"),
         ("names", ("x",), r"^names must have a text for each of 2 degrees of freedom, not \('x',\)\."),

@@ -8,7 +8,7 @@ from ..kernels.constraint_lanes import UnrolledConstraints
 
 
 class History(NamedTuple):
-    """Two compiled functions of (t, u, v, p) that update the history variables of a run in p, and return a number.
+    """The history variables of a run in p, and two compiled functions of (t, u, v, p) that update them.
 
     History variables, such as the tangential springs of grains, advance only at the end of accepted steps. Trial
     states, such as the stages of a method or a rejected step, do not change them.
@@ -19,10 +19,13 @@ class History(NamedTuple):
         Initialises the history variables. It is called at the start of a run, before the right-hand side.
     advance : jitted function
         Advances the history variables to a state. It is called at the end of each step, and at events.
+    places : tuple of slice
+        The places of the history variables in p.
     """
 
     begin: Any
     advance: Any
+    places: tuple[slice, ...]
 
 
 class Constraints(NamedTuple):

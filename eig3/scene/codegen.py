@@ -95,7 +95,8 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         place = writing.place_of_constraints
         functions["rhs"].py_func.constraints = Constraints(*keeping, place, writing.unrolled(functions))
     if writing.grains:
-        functions["rhs"].py_func.history = History(functions["begin"], functions["advance"])
+        places = tuple(text.springs for text in writing.grains)
+        functions["rhs"].py_func.history = History(functions["begin"], functions["advance"], places)
     if assembly.rates:
         for name in functions.keys() & {"rhs", "energy", "reactions"}:
             functions[name].py_func.reads_z = True  # it takes first-order unknowns in the form of kernels

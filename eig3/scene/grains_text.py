@@ -53,6 +53,11 @@ class GrainsText(PairForceText):
         self._has_groups = pair_force.second.size > 0
         source.functions |= grains.FUNCTIONS
 
+    @property
+    def springs(self) -> slice:
+        """The place of the springs in p."""
+        return slice(self._springs_at, self._springs_at + grains.HEAD + 2 * self._table.size)
+
     def forces(self) -> None:
         if self._source.team is not None:
             super().forces()

@@ -142,7 +142,10 @@ class March:
         if given.shape != self.p.shape:
             raise ValueError(f"params must keep their shape {self.p.shape}, and not have {given.shape}.")
         if not np.array_equal(given, self.p):
+            kept = [self.p[place].copy() for place in self.system.remembered]
             self.p[...] = given
+            for place, values in zip(self.system.remembered, kept, strict=True):
+                self.p[place] = values  # history variables are a part of the state, and no parameters
             self._start_anew()
             self._has_changed = True
 
@@ -317,9 +320,19 @@ class March:
             self._lock.release()
 
     def back(self) -> None:
-        """Restore the state before the last call that took steps. `seconds` still includes its time."""
+        """Restore the state before the last call that took steps. `seconds` still includes its time.
+
+        If `params` have changed since then, the method starts anew with these.
+
+        Raises
+        ------
+        RuntimeError
+            If no steps were taken, or if `params`, which have changed, hold the springs between grains.
+        """
         if self._before is None:
             raise RuntimeError("this stepper has taken no steps: call advance before back.")
+        if self._has_changed and self.system.history:
+            raise RuntimeError("params hold the springs between grains: go back before you change params.")
         with DeferredInterrupt(), self._alone():
             self.restore(self._before)
             if self._has_changed:
