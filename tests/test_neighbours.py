@@ -516,6 +516,24 @@ def test_walls_that_move_act_as_the_same_links(law):
     assert np.ptp(near.z["work"]) > 0.1
 
 
+def test_a_wall_that_rests_beside_one_that_moves():
+    """A sheet on a pole that moves touches posts that rest: both are fixed points of one list."""
+    places, found = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]], []
+    for is_near in (True, False):
+        scene = Scene(3)
+        posts = scene.fixed([[1.2, 0.5, -0.3], [1.1, 0.1, -0.4]])
+        membrane = effects.StVenantKirchhoffMembrane(100.0, 0.3, 1.0)
+        sheet = scene.add_mesh(places, [[0, 2, 1]], membrane, density=1.0, fixed=[0, 1])
+        scene.add(effects.SupportMotion(shaken, (0.0, 0.0, 1.0)), sheet[:2])
+        if is_near:
+            scene.add(contact(), sheet, others=posts)
+        else:
+            for post in posts:
+                scene.add(contact(), post, sheet[2])
+        found.append(by_python(scene.problem((0.0, 1.0)), t=0.5))
+    np.testing.assert_allclose(*found, rtol=1e-12)  # the order of rounding
+
+
 @dataclass(frozen=True, eq=False)
 class Sticky(effects.Link):
     """A link without a cutoff."""

@@ -217,9 +217,8 @@ class Supports:
 
     def of_list(self, fixed: np.ndarray) -> np.ndarray:
         """Return which supports the fixed points of a list are; none if none of them moves."""
-        places = np.flatnonzero(np.isin(self.points, fixed))
-        is_moved = any(members[places].any() for _, members in self.moved)
-        return np.searchsorted(self.points, fixed) if is_moved else places[:0]
+        is_moved = any(np.isin(fixed, self.points[members > 0]).any() for _, members in self.moved)
+        return np.searchsorted(self.points, fixed if is_moved else fixed[:0])
 
 
 @dataclass(frozen=True)
@@ -487,7 +486,7 @@ def _meshes(
         if isinstance(law.effect, Cell):
             kinds.setdefault(_kind(law.effect), []).append(law)
     wholes = [joined(laws) for laws in kinds.values()]
-    near = [points for pair_force in pair_forces for points in pair_force.points if moves.pattern[points].any()]
+    near = [points for points in map(np.concatenate, (x.points for x in pair_forces)) if moves.pattern[points].any()]
     of_cells = [points for whole in wholes for points in whole.points]
     used = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *of_cells, *near]))
     fixed = used[cloud.masses[used] == 0]
