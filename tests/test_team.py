@@ -115,7 +115,7 @@ ROUGH = effects.HertzMindlin(E=300.0, nu=0.3, contact_distance=1.0, friction=0.5
 
 
 def of_grains():
-    """Discs that roll and slide on one another and on a floor that moves, beside springs and other contacts."""
+    """Discs in no order that roll and slide on one another and on a floor that moves, beside springs and contacts."""
     x, v = cloud()
     scene = Scene(2)
     grains = scene.mass(np.linspace(0.5, 2, len(x)), x, v, inertia=0.1, angular_velocity=np.linspace(-3, 3, len(x)))

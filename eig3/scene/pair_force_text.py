@@ -316,8 +316,8 @@ class PairForceText(BlockText):
                 self._line(*(f"e{axis} = {self._at('v', axis, 'j')}" for axis in self._axes))
             if self._walls:
                 with self._block("else"):
-                    speeds = (self._speed_of_wall(c, "mate", self.listing.masses) for c in range(len(self._axes)))
-                    self._line(*(f"e{axis} = {speed}" for axis, speed in zip(self._axes, speeds, strict=True)))
+                    for c, axis in enumerate(self._axes):
+                        self._line(f"e{axis} = {self._speed_of_wall(c, 'mate', self.listing.masses)}")
             # with the point's velocity first, vector code and scalar code would round differently
             self._line(*(f"e{axis} -= {self._at('v', axis, 'i')}" for axis in self._axes))
             self._line(*self._box.rate())

@@ -125,7 +125,7 @@ class System:
             )
         ]
         self.event_table = np.array(table, dtype=np.int64).reshape(len(table), 8)
-        self.history = history and [self._check(function, "invariant", form) for function in history[:2]]
+        self.history = history and [self._check(f, "invariant", form) for f in (history.begin, history.advance)]
         self.remembered = history.places if history else ()
         self.constrained_step = constraints and address_of(
             compiled(constraints.constrained_step, form.constrained_step.args)

@@ -146,16 +146,11 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
             for other in range(count):
                 search[_HERE, other] = EVENT(watch.events[other, G], stop, u, v, p)
             is_first = True
-            for other in range(count):
+            for other in range(count if size < _OVERFLOWING else 0):
                 side, here = counters[EVENTS + EVENT_VALUES * other + SIDE], search[_HERE, other]
                 has_crossed = here * side < 0 and search[_CROSSING, other] > s + near
                 matters = _may_stop(watch, k) or _may_stop(watch, other)  # g changes its sign again after s
-                if (
-                    size < _OVERFLOWING
-                    and has_crossed
-                    and matters
-                    and not _is_unwanted(watch.events[other, _DIRECTION], side)
-                ):
+                if has_crossed and matters and not _is_unwanted(watch.events[other, _DIRECTION], side):
                     crossing, _ = CROSSING(place, counters, other, s, here, t, h, n, coefficients, u, v, p, tolerance)
                     search[_CROSSING, other], is_first = crossing, False
                     if crossing > near:  # otherwise g was at its zero at the start
