@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 import pytest
+from numba.core.compiler import Flags
 from numba.core.registry import cpu_target
 from numba.core.types.functions import BaseFunction
 from numba.extending import intrinsic
@@ -347,6 +348,14 @@ def test_patches_can_be_left_out(monkeypatch):
         assert BaseFunction.get_call_type is usual
         plain.compile_for(function, (float64,))
     assert called_at(plain.address_of(plain.compile_results(function)[(float64,)]), 2.0) == 4.0
+
+
+def test_flags_of_the_compiler_have_the_same_values_in_the_same_order():
+    flags = Flags()
+    flags.nrt, flags.fastmath = True, {"contract"}
+    with probe("Numba's flags have no `options` with a `default`, or no `_values`"):
+        values = internals._values_of(flags)
+    assert list(values.items()) == list(flags.values().items())
 
 
 @pytest.mark.skipif(find_spec("scipy") is None, reason="Numba compiles products of matrices with SciPy only")
