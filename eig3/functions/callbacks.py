@@ -173,7 +173,8 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
         result = _compile(function, kind, form, name or kind)
     captured = tuple(captured for _, captured in helpers_first(function))
     reads = reads_velocity(function), reads_time(function)
-    callback = Callback(address_of(result), (kind, form), result, with_present_globals(function.py_func), *reads, captured)
+    present = with_present_globals(function.py_func)
+    callback = Callback(address_of(result), (kind, form), result, present, *reads, captured)
     # The function holds what is known of it.
     vars(function).setdefault("_eig3_callbacks", {})[kind, form.name] = callback
     return callback
