@@ -110,8 +110,9 @@ class Method:
 
     @property
     def settings(self) -> tuple[float, ...]:
-        """The options that the kernel needs, as numbers."""
-        return ()
+        """The options that the kernel needs: by default, the fields of the record that are numbers, in their order."""
+        values = (getattr(self, name) for name in getattr(self, "__dataclass_fields__", ()))
+        return tuple(float(value) for value in values if isinstance(value, numbers.Real))
 
     def settings_of(self, members: Sequence[int]) -> tuple[float, ...]:
         """Return the settings for a block of members of an ensemble, with their numbers."""
@@ -234,10 +235,6 @@ class EIG3(_MayIgnoreVelocity):
     def order(self) -> int:  # type: ignore[override]
         return 2 if self.beta == 0.5 else 1
 
-    @property
-    def settings(self) -> tuple[float, ...]:
-        return float(self.alpha), float(self.beta)
-
 
 @dataclass(frozen=True)
 class _EIG3WithConstraints(EIG3):
@@ -346,10 +343,6 @@ class CentralDifference(_MayIgnoreVelocity):
 
     def without_velocity(self) -> Method:
         return dataclasses.replace(self, velocity="none", jacobian=None)
-
-    @property
-    def settings(self) -> tuple[float, ...]:
-        return float(self.tol), float(self.max_iterations)
 
 
 class _NamedAsClass(Method):

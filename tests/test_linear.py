@@ -282,6 +282,15 @@ def test_parameters_can_be_changed_and_members_have_their_own():
         problem.energy_of(U0, V0)
 
 
+def test_gyroscopic_forces_keep_the_energy_and_a_note_tells_where_the_method_does_not():
+    """In 2500 steps at omega h = 0.112, RK4 loses at most 2 (omega h)^6 / 144 of the energy in each."""
+    rotor = eig3.linear([1.0, 1.0], [[0.0, 4.0], [-4.0, 0.0]], 9 * np.eye(2), t_span=(0, 50), u0=[1.0, 0.0])
+    kept, grown = rotor.integrate(h=0.02, method="rk4"), rotor.integrate(h=0.02, method="eig3")
+    assert kept.drift["energy"] < 7e-5 * rotor.energy_of(rotor.u0, rotor.v0)
+    assert kept.notes == ()
+    assert "energy grows steadily" in grown.notes[0]
+
+
 K = stiffness()
 M = np.ones(N)
 UNSYMMETRIC = K.toarray() + np.eye(N, k=2)

@@ -41,6 +41,20 @@ def oscillator(*links, mass=1.0, velocity=0.0, force=0.0, omega=0.0, span=(0, 10
     return scene.problem(span, work=work)
 
 
+def test_members_with_memory_are_vectorised():
+    """The places of the states are in the code: in p, they could differ between the lanes."""
+
+    def row(stiffness):
+        scene = Scene(dimension=1)
+        points = scene.mass(1.0, np.zeros(4))
+        scene.add(BoucWen(stiffness, yield_length=0.1, hardening=0.1), points[:-1], points[1:])
+        return scene.problem((0, 1)).with_(v0=np.array([1.0, 0, 0, 0]))
+
+    runs = row(4.0).ensemble(params=[row(k).params for k in np.linspace(4, 9, 16)], h=0.01)
+    assert runs.notes == ()
+    np.testing.assert_allclose(runs.u[15, -1], row(9.0).integrate(h=0.01).u[-1], rtol=0, atol=1e-13)
+
+
 def test_a_standard_linear_solid_moves_as_its_matrix_says():
     problem = oscillator(LinearSpring(4.0), Maxwell(1.5, 1.05), velocity=0.5)
     run = problem.integrate(rtol=1e-10, method="rk8")

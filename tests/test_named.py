@@ -234,6 +234,21 @@ def test_members_have_values_of_their_own():
 
 
 @eig3.jit
+def on_a_road(t, u, v, p):
+    return p.k * (eig3.math.interp(t, p.times, p.road) - u) - p.c * v
+
+
+def test_members_share_the_tables_that_do_not_differ():
+    """A table of each member would be searched in each lane alone, which is not vectorised."""
+    t, k = np.linspace(0, 3, 31), np.linspace(1.0, 9.0, 40)
+    params = {"k": k, "c": 0.1, "times": t, "road": np.sin(t)}
+    runs = eig3.ensemble(on_a_road, (0, 3), np.zeros(40), 0.0, params=params, **H)
+    assert not runs.notes
+    alone = eig3.integrate(on_a_road, (0, 3), 0.0, 0.0, params={**params, "k": k[7]}, **H)
+    assert runs.u[7, -1] == pytest.approx(alone.u[-1], abs=1e-12)
+
+
+@eig3.jit
 def springs(t, u, v, p, a):
     for j in range(u.size):
         a[j] = -p.k[j] * u[j] - p.c * v[j]

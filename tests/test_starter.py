@@ -179,3 +179,54 @@ def test_a_step_that_returns_a_row_twice_is_found_where_indices_are_checked(tmp_
     )
     printed = python("-c", LOSES_A_ROW, NUMBA_BOUNDSCHECK="1", PYTHONPATH=str(tmp_path))
     assert "each of its rows once" in printed
+
+
+CHUNG_LEE = '''
+"""The explicit method of Chung and Lee, Int. J. Numer. Meth. Engng 37 (1994) 3961, with gamma = 3/2."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import eig3
+
+PAST, ROWS, EVALUATIONS = 1, 4, 1
+
+
+def constants(settings, h, work):
+    return h * h * (0.5 - settings[0]), h * h * settings[0]
+
+
+def start(u, v, a, h):
+    return (a,)
+
+
+def step(f, at, y, c, n):
+    u, v, a_past, a = y
+    f(at.t, u, v, at.p, a)
+    for j in range(n):
+        u[j] += at.h * v[j] + c[0] * a_past[j] + c[1] * a[j]
+        v[j] += at.h * (1.5 * a[j] - 0.5 * a_past[j])
+    return (u, v, a, a_past), True
+
+
+@dataclass(frozen=True)
+class ChungLee(eig3.Method):
+    beta: float = 28 / 27
+    name: ClassVar[str] = "chung-lee"
+    label: ClassVar[str] = "Chung-Lee"
+    kernel: ClassVar[str] = __name__
+    order: ClassVar[int] = 2
+'''
+
+
+def test_functions_need_no_decorator_and_get_the_numbers_of_the_record(tmp_path, monkeypatch):
+    """With the same past values, the formulas are the ones of EIG-3 with alpha = 2 beta - 1."""
+    (tmp_path / "chung_lee.py").write_text(CHUNG_LEE)
+    monkeypatch.syspath_prepend(tmp_path)
+    method = importlib.import_module("chung_lee").ChungLee
+    try:
+        for beta in (1.0, 28 / 27):
+            # each limit is found to 1e-10
+            assert limit(method(beta)) == pytest.approx(limit(eig3.EIG3(alpha=2 * beta - 1)), rel=1e-9)
+    finally:
+        del sys.modules["chung_lee"], eig3.METHODS["chung-lee"]

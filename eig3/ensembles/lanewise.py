@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from ..functions.callbacks import Callback
+from ..functions.callbacks import Callback, with_present_globals
 from ..functions.companions import constraints_of
 from ..functions.layout import bound_layout
 from ..functions.quantities import Quantity
@@ -293,6 +293,8 @@ def _lanes_of(
     if key not in known or known[key][0] is not callback.compiled:  # the user may have recompiled the function
         own = getattr(getattr(function, "py_func", None), "in_lanes", None)  # the reactions of a scene
         python = of or (own.py_func if own else callback.function)
+        if hasattr(python, "inner"):
+            python = with_present_globals(python)
         is_checked = bool(options_of(function).get("boundscheck"))
         known[key] = callback.compiled, compile_it(python, layout, *how, is_checked)
     return known[key][1]

@@ -33,7 +33,8 @@ class NamedLanes:
     @classmethod
     def of(cls, rhs: Any, layout: Layout, members: Members) -> NamedLanes | None:
         """Return the parameters of a right-hand side that can be written line by line, and None for others."""
-        if not hasattr(rhs.py_func.inner.py_func, "line_by_line"):
+        is_written = hasattr(rhs.py_func.inner.py_func, "line_by_line")
+        if not is_written and not (members.has_own_params and all(kind.ndim >= 0 for kind in layout.kinds)):
             return None
         if members.has_own_params and not all(_is_real(layout, name) for name in members.own or layout.names):
             return None

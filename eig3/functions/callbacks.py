@@ -173,7 +173,8 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
         result = _compile(function, kind, form, name or kind)
     captured = tuple(captured for _, captured in helpers_first(function))
     reads = reads_velocity(function), reads_time(function)
-    callback = Callback(address_of(result), (kind, form), result, _with_present_globals(function), *reads, captured)
+    present = with_present_globals(function.py_func)
+    callback = Callback(address_of(result), (kind, form), result, present, *reads, captured)
     # The function holds what is known of it.
     vars(function).setdefault("_eig3_callbacks", {})[kind, form.name] = callback
     return callback
@@ -209,17 +210,16 @@ def _renew(function: Jitted) -> None:
         vars(each)["_eig3_captured"] = captured
 
 
-def _with_present_globals(function: Any) -> Callable:
-    """Return a copy of the Python function whose globals do not change.
+def with_present_globals(f: Any) -> Callable:
+    """Return a copy of a Python function whose globals do not change.
 
     The bindings to named parameters and to first-order unknowns are inlined in the copy, which can then run in lanes.
     """
-    f = function.py_func
     names = "__name__", "__builtins__", *names_in(f.__code__)  # the others, such as large arrays, may be freed
     present = {name: f.__globals__[name] for name in names if name in f.__globals__}
     copy = types.FunctionType(f.__code__, present, f.__name__, f.__defaults__, f.__closure__)
     if hasattr(f, "inner"):
-        inner = _with_present_globals(f.inner)
+        inner = with_present_globals(f.inner.py_func)
         copy.__globals__["inner_function"] = numba.jit(inner, **{**options_of(f.inner), "inline": "always"})
     copy.__kwdefaults__, copy.__module__ = f.__kwdefaults__, f.__module__
     return copy

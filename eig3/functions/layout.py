@@ -213,6 +213,7 @@ class Layout:
                 )
                 first += math.prod(shape)
             known[key] = self._calling(function, PLACE_OF_P, lines, read)
+            known[key].inner = function
         return known[key]
 
     def bind_all(self, functions: Any) -> Any:

@@ -195,14 +195,16 @@ class Source(Writer):
         columns: dict[str, Any] = {
             name: self._array(values) if name in effect.arrays else self.column(values)
             for name, values in law.columns.items()
-            if name != EVENT
+            if name not in (EVENT, STATE)
         }
-        if STATE in columns:
-            number, has_rate = columns[STATE], RATE in functions
+        if STATE in law.columns:
+            has_rate = RATE in functions
+            begin, number = self._numbers(law.columns[STATE])
             array, first = ("v", self._first_rate) if has_rate else ("u", self._first_state)
-            columns[STATE] = Other(lambda member: state(array, first, number.of(member), effect.state_size), False)
+            first, size = first + begin, effect.state_size
+            columns[STATE] = Other(lambda member: state(array, first, number(member), size), False)
             if has_rate:
-                columns[RATE] = Other(lambda member: state("a", first, number.of(member), effect.state_size), False)
+                columns[RATE] = Other(lambda member: state("a", first, number(member), size), False)
         members = len(law.columns["direction"]) if "direction" in law.columns else 1
         stem = words(effect.title).replace(" ", "_")
         names = {name: self._name(f"{stem}_{name}") for name in (*functions, *columns)}
@@ -220,6 +222,17 @@ class Source(Writer):
         starts, ends = self.column(first), self.column(first + [array.size for array in values])
         place = starts.offset, ends.offset, True
         return Other(lambda member: f"p[index({starts.of(member)}) : index({ends.of(member)})]", False, place)
+
+    def _numbers(self, numbers: np.ndarray) -> tuple[int, Callable[[str], str]]:
+        """Return where numbers of members begin, and the source of a member's distance from there.
+
+        Evenly spaced numbers are not in p: lanes can only be vectorised if their places are known.
+        """
+        begin, step = int(numbers[0]), int(np.diff(numbers[:2]).sum())
+        if (numbers == begin + step * np.arange(numbers.size)).all():
+            return begin, lambda member: "0" if step == 0 or member == "0" else f"{step} * {member}"
+        column = self.column(numbers)
+        return 0, lambda member: f"index({column.of(member)})"
 
     def _name(self, wanted: str) -> str:
         """Return a placeholder in the source, which `named` replaces by a name similar to `wanted`."""
@@ -256,7 +269,7 @@ def _slices(place: tuple[int, int, bool], p: np.ndarray) -> list[slice]:
 
 def state(array: str, first: int, number: str, size: int) -> str:
     """Return the source of a state of `size` numbers, a tuple if there are several: also what an assignment changes."""
-    entries = [entry(array, first + k, f"index({number})") for k in range(size)]
+    entries = [entry(array, first + k, number) for k in range(size)]
     return entries[0] if size == 1 else f"({', '.join(entries)})"
 
 

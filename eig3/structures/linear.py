@@ -17,12 +17,13 @@ from .damping import Modal, Rayleigh
 from .factors import copies_in, factors
 from .links import check_links, events_of, states_of
 from .loads import check_ground, check_table
-from .matrices import Mass, check_mass, check_matrix, check_symmetric, edge_of_blocks
+from .matrices import Mass, check_mass, check_matrix, check_symmetric, edge_of_blocks, is_gyroscopic
 from .modal import exact_motion, unknown
 from .source import INTEGRALS, LOADED, Parts, energy, of_events, right_hand_side
 from .structure import Structure
 
 _LINKS = "the structure has links: leave them out"
+_CIRCULATORY = "; add its antisymmetric part by force=f, a jitted function f(t, u, v, p, out)"
 _FUNCTION = "the force is a function: give it as a table if it depends on the time only"
 
 
@@ -92,8 +93,9 @@ def linear(
     -------
     Structure
         A Problem with a method `modes`. Its `params` are M, C, K and the others by name. Its energy is the kinetic plus
-        the elastic energy. Its exact motion is known without C and without a function `force`, for at most 1000 degrees
-        of freedom. Otherwise `exact` is false in a condition, and a call raises an error with the reason.
+        the elastic energy; with loads or damping it has one only with `work`. Its exact motion is known without C and
+        without a function `force`, for at most 1000 degrees of freedom. Otherwise `exact` is false in a condition, and
+        a call raises an error with the reason.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def linear(
     has = {"lumped" if mass.diagonal is not None else "consistent"} | ({"work"} if work else set())
     matrices = {name: check_matrix(A, name, n) for name, A in (("K", K), ("C", C)) if A is not None}
     if K is not None:
-        check_symmetric(matrices["K"], "K")
+        check_symmetric(matrices["K"], "K", _CIRCULATORY)
     edge = edge_of_blocks(matrices.values())
     blocks = {name: matrix.tobsr((edge, edge)) if edge > 1 else matrix for name, matrix in matrices.items()}
     copies, of_mass = _of_mass(mass)
@@ -132,6 +134,7 @@ def linear(
     parts = Parts(frozenset(has), edge, copies, threads, kinds)
     v0, t_span = _start(v0, "v0", n), check_span(t_span)
     every = Parameters(values | own)
+    changing = has & LOADED - ({"C"} if "C" in has and is_gyroscopic(matrices["C"]) else set())
     why = _FUNCTION if "force" in has else _LINKS if links else ""
     return Structure(
         name="structure",
@@ -141,7 +144,7 @@ def linear(
         params=every,
         t_span=t_span,
         exact=unknown(why) if why else exact_motion(every, u0, v0, t_span[0]),
-        energy=energy(parts) if work or not has & LOADED else None,
+        energy=energy(parts) if work or not changing else None,
         names=_names(names, n),
         units=units if isinstance(units, str) else tuple(units),
         z0=states_of(kinds, values) | (dict.fromkeys(INTEGRALS[: 3 if kinds else 2], 0.0) if work else {}),

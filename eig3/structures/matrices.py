@@ -90,13 +90,18 @@ def check_matrix(matrix: Any, name: str, n: int | None = None) -> Any:
     return rows
 
 
-def check_symmetric(matrix: Any, name: str) -> None:
+def is_gyroscopic(C: Any) -> bool:
+    """Return whether a damping matrix does no work, because it is antisymmetric."""
+    return bool(abs(C + C.T).max() <= _SYMMETRIC * abs(C).max())
+
+
+def check_symmetric(matrix: Any, name: str, remedy: str = "") -> None:
     """Refuse a matrix that is not symmetric."""
     difference, largest = abs(matrix - matrix.T), abs(matrix).max()
     if difference.max() > _SYMMETRIC * largest:
         entries = difference.tocoo()
         i, j = (int(places[entries.data.argmax()]) for places in (entries.row, entries.col))
-        raise ValueError(f"{name} must be symmetric, but {name}[{i}, {j}] and {name}[{j}, {i}] differ.")
+        raise ValueError(f"{name} must be symmetric, but {name}[{i}, {j}] and {name}[{j}, {i}] differ{remedy}.")
 
 
 def edge_of_blocks(matrices: Any) -> int:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import importlib
 from collections.abc import Callable
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
 from ..compile.jit import bound, element
@@ -101,11 +101,11 @@ class Formulas:
 
     def names(self, form: Form) -> dict[str, Any]:
         """Return the values of the names in capitals in a template."""
-        defined, cost = self.defined, self.evaluations or 0
+        step, cost = self._element("step"), self.evaluations or 0
         names = {
-            "CONSTANTS": getattr(defined, "constants", no_constants),
-            "COMPLETE": getattr(defined, "complete", nothing),
-            "STEP": getattr(defined, "step_of_one", defined.step) if form is SCALAR else defined.step,
+            "CONSTANTS": self._element("constants", no_constants),
+            "COMPLETE": self._element("complete", nothing),
+            "STEP": self._element("step_of_one", step) if form is SCALAR else step,
             "ROWS_OF": pointers if form is SCALAR else rows,
             "ROWS": self.rows,
             "OWN_ROWS": self.own_rows,
@@ -117,13 +117,18 @@ class Formulas:
         }
         if self.starter:
             steps = {"STEP": names["STEP"], "ROWS_OF": names["ROWS_OF"], "STARTER": self.starter._as_starter(form)}
-            names["START_STEP"] = element(bound(getattr(defined, "start_step", start_step), steps))
+            names["START_STEP"] = element(bound(getattr(self.defined, "start_step", start_step), steps))
             names["START_COST"] += self.starter.names(form)["COST"]
         return names
 
+    def _element(self, name: str, default: Any = None) -> Any:
+        """Return a function of the file as an element; the file may leave out the decorator."""
+        function = getattr(self.defined, name, default)
+        return element(function) if isinstance(function, FunctionType) else function
+
     def _as_starter(self, form: Form) -> Any:
         """Return the function that takes a step for another method."""
-        brief = getattr(self.defined, "brief_step", None)
+        brief = self._element("brief_step")
         if brief and form is VECTOR:
             return brief
         mine = self.names(form)
