@@ -12,7 +12,7 @@ from eig3 import problems
 from eig3.ensembles.checked import errors_of_members
 from eig3.result.error_estimate import _order
 
-from .conftest import falling, position, spring
+from .conftest import bounce, falling, position, spring
 
 
 @eig3.jit
@@ -296,6 +296,22 @@ def test_members_have_the_errors_of_single_runs(options):
         np.testing.assert_allclose(runs.error.order, 2, atol=0.1)
     assert np.isnan(runs.error.reliable_until).all()
     assert f"error of u at most {runs.error.largest['u'].max():.2g} in 3 members" in repr(runs)
+
+
+def test_members_with_resets_have_errors_without_the_jumps():
+    """A state before a reset is not compared with one after it. The errors are some 20 rtol; a jump of v is 2."""
+    wall = eig3.Event(eig3.jit(lambda t, u, v, p: u + 0.5), direction=-1, apply=bounce)
+    options = {
+        "rtol": 1e-6,
+        "method": "rk5",
+        "save_every": 1,
+        "events": {"wall": wall},
+        "params": np.linspace(1, 4, 5)[:, None],
+    }
+    runs = eig3.ensemble(spring, (0, 10), 1.0, 0.0, check=True, **options)
+    assert runs.success.all()
+    assert np.isfinite(runs.events["wall"].first).all()
+    assert runs.error.largest["v"].max() < 1e-4
 
 
 def test_members_that_fail_have_no_error():

@@ -249,6 +249,13 @@ def test_a_damaged_part_runs_again(tmp_path, started):
     assert started == [128]
 
 
+def test_a_directory_has_the_notes_and_the_seconds_of_its_parts(tmp_path):
+    whole = run("one at a time", save_to=tmp_path, threads=1)
+    loaded = eig3.load(tmp_path)
+    assert "run one at a time" in whole.notes[0]
+    assert (loaded.notes, loaded.kernel_seconds) == (whole.notes, whole.kernel_seconds)
+
+
 def test_ensembles_of_problems_go_on(tmp_path, started):
     """Named parameters, first-order unknowns, events, and the energy less the work come from the problem."""
     duffing = eig3.problems.duffing()

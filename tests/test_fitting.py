@@ -14,10 +14,12 @@ from scipy.stats import chi2
 
 import eig3
 from eig3 import problems
+from eig3.effects import GiuffreMenegottoPinto, Gravity, Rod
 from eig3.fitting.estimates import early_note
 from eig3.fitting.series import History
 from eig3.fitting.stencils import differences
 from eig3.result.resampling import resampled
+from eig3.scene import Scene
 
 from .conftest import refusals
 
@@ -297,6 +299,22 @@ RK4 = {"h": 0.05, "method": "rk4"}
 
 def exact_data(times=TIMES):
     return times, OSCILLATOR.integrate(**RK4).at(times)[0]
+
+
+def test_a_fit_starts_its_runs_as_the_problem_does():
+    """A link that moves back at the start turns, and a start off the constraints is refused."""
+    turning = eig3.linear([1.0], links=[(GiuffreMenegottoPinto(1.0, 1.0, 0.05), None, 0)], t_span=(0, 5), u0=3.0, v0=-1)
+    data = TIMES[:20], turning.integrate(h=0.01, t_eval=TIMES[:20]).u
+    assert eig3.fit(turning, data, {"v0[0]": -1.1}, h=0.01).values["v0[0]"] == pytest.approx(-1, rel=1e-9)  # _TOLERANCE
+    scene = Scene(dimension=2)
+    scene.add(Rod(), scene.fixed((0, 0)), scene.mass(1.0, (1, 0)))
+    scene.add(Gravity((0, -9.81)))
+    swing = scene.problem((0, 1))
+    data = [0.5, 1.0], np.ones((2, 2))
+    with pytest.raises(ValueError, match=r"The run with u0\[0\] = 1.1 fails: u0 must keep the constraints"):
+        eig3.fit(swing, data, {"u0[0]": 1.1}, h=0.01)
+    with pytest.raises(ValueError, match=r"params must be 0 at \[..., 1\]"):
+        eig3.fit(swing, data, "p[1]", h=0.01)
 
 
 def test_a_fit_to_exact_data_finds_the_parameters_and_the_start():

@@ -158,6 +158,17 @@ def test_a_table_of_members_has_their_states_without_a_solution_for_each(monkeyp
         np.testing.assert_array_equal(table[name], values)
 
 
+def test_a_table_has_the_last_states_of_members_that_fail_in_lanes_and_alone():
+    """A member of AB3 runs alone if an event resets its state: here the members that start below 1."""
+    growing, above = eig3.jit(lambda t, u, v, p: u**3), eig3.jit(lambda t, u, v, p: u - 1.0)
+    events = {"above": eig3.Event(above, apply=eig3.jit(lambda t, u, v, p: (u, v)))}
+    members = eig3.ensemble(growing, (0, 10), np.linspace(0.5, 1.5, 32), 1.0, h=0.01, method="ab3", events=events)
+    assert not members.success.any()
+    last = members.to_pandas().groupby("member").last()
+    assert np.array_equal(last["t"], [each.t[-1] for each in members])
+    assert np.array_equal(last["u0"], [each.u[-1] for each in members])
+
+
 spring_with_a_height = eig3.jit(lambda t, u, v, p: -p.h * u - p.c[1] * v)
 
 

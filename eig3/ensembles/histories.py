@@ -140,7 +140,7 @@ class Histories:
                 rows = min(rows, solution.n_steps // self.every + 1)
             self._store(member, rows, states)
             if rows < len(t):  # save_every does not include the last state of a run that failed
-                self.last[member] = {name: each(lambda x: x[-1], x) for name, x in states.items()}
+                self.last[member] = {name: each(lambda x: x[-1], x) for name, x in states.items() if x is not None}
         for name in OF_RUNS:
             whole, value = getattr(self, name), getattr(solution, name)
             if isinstance(whole, np.ndarray):

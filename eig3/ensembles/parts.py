@@ -122,7 +122,6 @@ class Joined:
 
     def __init__(self, blank: EnsembleSolution, place: Directory | None = None) -> None:
         self.solution, self.place = blank, place
-        self._notes = dict[str, None]()  # a dict keeps the order, and each note once
         self._n_taken = 0
         blank.message[:] = _NOT_BACK
         if place:
@@ -137,7 +136,7 @@ class Joined:
         if solution is None:
             return False
         self._n_taken += len(part)
-        self._join(solution)
+        self.solution._place(solution)
         return True
 
     def put(self, part: Part, value: EnsembleSolution) -> None:
@@ -152,16 +151,11 @@ class Joined:
     def _put(self, solution: EnsembleSolution) -> None:
         if self.place:
             self.place.put(solution)
-        self._join(solution)
-
-    def _join(self, solution: EnsembleSolution) -> None:
         self.solution._place(solution)
-        self.solution.kernel_seconds += solution.kernel_seconds
-        self._notes |= dict.fromkeys(solution.notes)
 
     def whole(self, note: str) -> EnsembleSolution:
         taken = f"An earlier run had finished {self._n_taken} of {len(self.solution)} members." if self._n_taken else ""
-        self.solution.notes = *self._notes, *filter(None, (taken, note))
+        self.solution.notes = *self.solution.notes, *filter(None, (taken, note))
         return self.solution
 
 

@@ -405,6 +405,8 @@ class EnsembleSolution:
         for name, occurrences in part.events.items():
             self.events[name] = self.events[name].with_part(occurrences, part.first)
         self._last |= {part.first + i: state for i, state in part._last.items()}
+        self.kernel_seconds += part.kernel_seconds
+        self.notes = (*dict.fromkeys((*self.notes, *part.notes)),)  # each note once
 
     def _reserve(self, rows: int) -> None:
         """Make room for more states of each member."""

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..functions.checks import check_params
-from ..functions.guard import NotFiniteAtStartError
+from ..functions.guard import BadStartError
+from ..functions.records import check_left_out, left_out_of
 from ..problem import Problem
 from ..result.solution import Solution
 from ..run.accuracy import LEAST
@@ -51,6 +52,9 @@ class Model:
         self._start["params"] = np.array(check_params(problem.params))
         arrays = {**self._start, "z0": self._start["v0"]}
         self._entries = [(arrays[place.field], place.offset(problem)) for place in places]
+        fitted = np.zeros(self._start["params"].size)
+        fitted[[i for array, i in self._entries if array is self._start["params"]]] = 1.0
+        check_left_out(left_out_of(problem.rhs), fitted)
         self._rows = [np.searchsorted(times, each.t) for each in series]
         values = np.concatenate([each.values for each in series])
         self._has_value = ~np.isnan(values)
@@ -72,13 +76,16 @@ class Model:
         for (array, index), value in zip(self._entries, x.tolist(), strict=True):
             array.flat[index] = value
         u0, v0 = (array if array.ndim else float(array) for array in (self._start["u0"], self._start["v0"]))
-        return self._run.member(self._span, u0, v0, self._start["params"], None)
+        params = self._start["params"]
+        if self._run.rules:
+            u0, v0 = self._run.rules.starts(np.size(self._problem.u0), self._span, u0, v0, params)
+        return self._run.member(self._span, u0, v0, params, None)
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """Return (model - data) / sigma; infinite if the run fails, after which SciPy tries a shorter step."""
         try:
             solution = self.run(x)
-        except NotFiniteAtStartError as error:
+        except BadStartError as error:
             return self._failed(partial(ValueError, f"The run with {said(self.places, x)} fails: {error}"))
         if len(solution.t) < self._n_times:
             return self._failed(partial(self._ended, x.copy(), solution))

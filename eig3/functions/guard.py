@@ -19,7 +19,11 @@ GUARD_VALUES = 64  #: number of guard values on each side of an array
 _DESCRIBED = {"p": "params", "u": "u0", "v": "v0"}
 
 
-class NotFiniteAtStartError(ValueError):
+class BadStartError(ValueError):
+    """A run cannot start from a state."""
+
+
+class NotFiniteAtStartError(BadStartError):
     """The right-hand side is not finite at the start."""
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from ..kernels.loops.starts import held_kernel, starts_kernel
 from .callbacks import Callback
 from .events import EffectEvent, Event
+from .guard import BadStartError
 
 _AT_ONCE = 1e-9  # of the span: the motion is then far beyond the round-off of a located zero
 
@@ -57,7 +58,7 @@ class Rules:
 
         Raises
         ------
-        ValueError
+        BadStartError
             If a start lies behind an event with a rule, or off the constraints.
 
         Warns
@@ -78,7 +79,7 @@ class Rules:
         if k >= 0:
             rule, name = self._texts[k]
             who = "the start" if first is None else f"member {first + i}"
-            raise ValueError(f"{rule}, but {who} lies behind {name!r}: change u0, v0, t_span or params.")
+            raise BadStartError(f"{rule}, but {who} lies behind {name!r}: change u0, v0, t_span or params.")
         return u, v
 
     def _held(
@@ -92,7 +93,7 @@ class Rules:
         i, changed = held_kernel()(project.address, t, count, sets, p, u.ravel(), v.ravel(), *room)
         if i >= 0:
             who = "the start" if first is None else f"member {first + i}"
-            raise ValueError(
+            raise BadStartError(
                 f"u0 must keep the constraints, but {who} at t = {t:g} does not: change u0, t_span or params."
             )
         if changed:

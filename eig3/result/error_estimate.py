@@ -150,17 +150,11 @@ class Companion:
 
     @classmethod
     def at_same_times(cls, solution: Any, other: Any, ratio: float) -> Companion:
-        """Return a companion with tolerances, which has saved its states at the times of the run up to its end.
-
-        It has one state at the time of a reset, which may be before its own reset: the states there are left out.
-        """
+        """Return a companion with tolerances, which has saved its states at the times of the run up to its end."""
         if len(other.t) == len(solution.t):
             rows = np.arange(len(other.t))
             return cls(other, ratio, rows, rows, other.u, other.v, is_fixed=False)
-        is_known = np.isin(solution.t, other.t)
-        is_known[1:] &= solution.t[1:] != solution.t[:-1]
-        is_known[:-1] &= solution.t[:-1] != solution.t[1:]
-        rows = np.flatnonzero(is_known)
+        rows = np.flatnonzero(np.isin(solution.t, other.t) & ~_are_at_resets(solution.t))
         own = np.searchsorted(other.t, solution.t[rows])
         return cls(other, ratio, rows, own, other.u[own], other.v[own], is_fixed=False)
 
@@ -169,9 +163,15 @@ class Companion:
         """Return a companion with tolerances, whose states are interpolated."""
         if len(other.t) == len(solution.t) and (other.t == solution.t).all():  # t_eval
             return cls.at_same_times(solution, other, ratio)
-        rows = np.flatnonzero(solution.t <= other.t[-1])
+        rows = np.flatnonzero((solution.t <= other.t[-1]) & ~_are_at_resets(solution.t))
         u, v = other._interpolated(solution.t[rows])
         return cls(other, ratio, rows, None, u, v, is_fixed=False)
+
+
+def _are_at_resets(t: np.ndarray) -> np.ndarray:
+    """Return which states are before and after a reset. There a companion has one state, before or after its reset."""
+    is_next = t[1:] == t[:-1]
+    return np.append(is_next, False) | np.append(False, is_next)
 
 
 def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: float | None = None) -> ErrorEstimate:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +21,7 @@ _LARGEST = 1000  # degrees of freedom up to which all modes are computed, in som
 _RIGID = 1e-10  # relative to the largest square of a frequency; a mode below it is a rigid-body mode
 _MIXED = 1e-8  # relative to the largest damping rate; a smaller coupling of two modes is neglected
 _SERIES = 1e-2  # up to this x, a series of three terms for sinh(x) is exact
+_TERMS = 18  # of a Taylor series of exp(x) that is exact up to x = 1
 _TIMES = 4096  # times evaluated at once
 _BY_MODES = "eig3.structures.modal_solution(problem, t) returns it"
 _STRUCTURE = ("K", "m", "M", *Factors._fields, "modes", "rates")  # parameters that eig3.linear computes together
@@ -212,11 +214,20 @@ def _free(omega: np.ndarray, c: np.ndarray, tau: np.ndarray, q: Any, rate: Any) 
 
 def _pushed(c: np.ndarray, tau: np.ndarray, q: Any, rate: Any, force: Any, slope: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return the motion of masses without springs, with and without damping."""
-    freely = (q + tau * (rate + tau * (force / 2 + tau * slope / 6)), rate + tau * (force + tau * slope / 2))
-    is_damped = c > 0
-    k = np.where(is_damped, c, 1.0)
-    last = (force - slope / k) / k  # the asymptotic velocity, in addition to slope / k times the time
-    decay = np.exp(-k * tau)
-    v = (rate - last) * decay + last + slope / k * tau
-    u = q + (rate - last) * (1 - decay) / k + last * tau + slope / k * tau**2 / 2
-    return np.where(is_damped, u, freely[0]), np.where(is_damped, v, freely[1])
+    decay, first, second, third = _phi_functions(-c * tau)
+    v = decay * rate + tau * (first * force + tau * second * slope)
+    return q + tau * (first * rate + tau * (second * force + tau * third * slope)), v
+
+
+def _phi_functions(x: np.ndarray) -> list[np.ndarray]:
+    """Return phi_0(x) = exp(x) to phi_3(x) of exponential integrators: phi_k+1(x) = (phi_k(x) - 1 / k!) / x.
+
+    The differences would lose digits at a small x, where the Taylor series has them all.
+    """
+    is_small, w = np.abs(x) < 1, np.where(x == 0, 1.0, x)
+    small = np.where(is_small, x, 0.0)
+    found = [np.exp(x)]
+    for k in range(1, 4):
+        series = sum(small**i / math.factorial(i + k) for i in range(_TERMS))
+        found.append(np.where(is_small, series, (found[-1] - 1 / math.factorial(k - 1)) / w))
+    return found
