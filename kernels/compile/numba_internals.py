@@ -193,7 +193,7 @@ def _values_of(flags: TargetConfig) -> dict[str, Any]:
 
 
 @functools.cache
-def _defaults_of(kind: type[TargetConfig]) -> dict[str, Any]:
+def _defaults_of(kind: Any) -> dict[str, Any]:
     return {name: option.default for name, option in kind.options.items()}
 
 
