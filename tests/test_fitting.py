@@ -128,6 +128,20 @@ def test_a_linear_motion_is_the_sum_of_its_derivatives_by_the_start():
     assert found["v0"].v[0] == pytest.approx(1, abs=1e-12)
 
 
+def test_derivatives_by_a_start_with_constraints_have_the_order_of_the_method():
+    """A member that starts slightly off the constraints starts from the nearest state that keeps them."""
+    scene = Scene(dimension=2)
+    scene.add(Rod(), scene.fixed((0, 0)), scene.mass(1.0, (0.6, -0.8), velocity=(0.8, 0.6)))
+    scene.add(Gravity((0, -9.81)))
+    swing, names = scene.problem((0, 1)), ["u0[0]", "v0[0]"]
+    coarse, fine = (eig3.sensitivities(swing, names, h=h, method="rk8", save_every=None) for h in (0.02, 0.01))
+    for name in names:
+        errors = 10 * coarse.errors[names.index(name)].u[-1].max()
+        np.testing.assert_allclose(coarse[name].u[-1], fine[name].u[-1], rtol=0, atol=min(errors, 1e-6))
+    for nearest in (coarse["u0[0]"].u[0], coarse["v0[0]"].v[0]):
+        np.testing.assert_allclose(nearest, [0.64, 0.48], rtol=1e-6)  # (1, 0) less its part along the rod
+
+
 def test_steps_of_differences_follow_the_size_of_the_value_or_of_the_motion():
     problem = OSCILLATOR.with_(u0=-3.0, v0=0.0, params={"k": 4.0, "c": 0.0})
     speed = np.abs(problem.integrate(h=0.02).v).max()

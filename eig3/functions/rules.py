@@ -44,7 +44,7 @@ class Rules:
     def starts(
         self, n: int, span: tuple[float, float], u: Any, v: Any, params: np.ndarray, first: int | None = None
     ) -> tuple[Any, Any]:
-        """Return u and v, with velocities that keep constraints, and the turns of links that move back at the start.
+        """Return u and v, which keep constraints, with the turns of links that move back at the start.
 
         Parameters
         ----------
@@ -67,7 +67,7 @@ class Rules:
             If velocities do not keep the constraints.
         """
         if self._project:
-            v = self._held(self._project, span[0], u, v, params, first)
+            u, v = self._held(self._project, span[0], u, v, params, first)
         if not self._texts:
             return u, v
         if self._may_turn:
@@ -84,9 +84,9 @@ class Rules:
 
     def _held(
         self, project: Callback, t: float, u: np.ndarray, v: np.ndarray, params: np.ndarray, first: int | None
-    ) -> np.ndarray:
-        """Return the velocities, or the nearest ones that keep the constraints; refuse a u that does not."""
-        v, p = v.copy(), params.ravel().copy()  # the projection writes to p
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return u and v, or the nearest ones that keep the constraints; refuse a u that does not."""
+        u, v, p = u.copy(), v.copy(), params.ravel().copy()  # the projection writes to p
         count = 1 if first is None else len(u)
         room = np.empty((2, u.size // count))
         sets = count if params.ndim == 2 else 1
@@ -100,4 +100,4 @@ class Rules:
             warnings.warn(
                 "v0 does not keep the constraints: the run starts with the nearest velocities that do.", stacklevel=4
             )
-        return v
+        return u, v

@@ -14,6 +14,7 @@ from ..protocol import VECTOR, vector_type
 from .zeros import event_of
 
 _OFF = 1e-3  # least distance from the constraints, relative to u or v; an interpolated state is nearer
+_SLIGHTLY_OFF = 1e-9  # the same, of an error that is more than round-off
 _G, _APPLY, _DIRECTION, _TURNS, _IS_REFUSED = range(5)  # the columns of `rules`
 
 
@@ -64,10 +65,11 @@ def starts_kernel() -> Any:
 
 
 def first_off(project, t0, count, sets, params, u, v, x, w):
-    """Return the first of `count` starts whose u does not keep the constraints, or -1, and the number of changed v.
+    """Return the first of `count` starts whose u does not keep the constraints, or -1, and the number of such v.
 
-    A v that does not keep them becomes the nearest one that does. `project` is the address of the projection, which
-    writes to `params`; u, v and `params` are as in `first_refused`, and x and w have room for one start.
+    A u or v that is off, also slightly, becomes the nearest one that keeps them. `project` is the address of the
+    projection, which writes to `params`; u, v and `params` are as in `first_refused`, and x and w have room for one
+    start.
     """
     size, width, changed = len(x), len(params) // sets, 0
     for i in range(count):
@@ -76,27 +78,28 @@ def first_off(project, t0, count, sets, params, u, v, x, w):
         for j in range(size):
             x[j], w[j] = u_start[j], v_start[j]
         INVARIANT_AT(project)(t0, x, w, params[own : own + width])
-        if IS_FAR(x, u_start):
+        if IS_FAR(x, u_start, OFF):
             return i, changed
-        if IS_FAR(w, v_start):
-            changed += 1
+        changed += IS_FAR(w, v_start, OFF)
+        if IS_FAR(x, u_start, SLIGHTLY_OFF) or IS_FAR(w, v_start, SLIGHTLY_OFF):
             for j in range(size):
-                v_start[j] = w[j]
+                u_start[j], v_start[j] = x[j], w[j]
     return -1, changed
 
 
-def is_far(x, u):
-    """Return whether a projection x is far from u, or NaN."""
+def is_far(x, u, least):
+    """Return whether a projection x is far from u, by a distance relative to u, or NaN."""
     way, size = 0.0, 0.0
     for j in range(len(u)):
         way = max(way, abs(x[j] - u[j])) if x[j] == x[j] else math.inf
         size = max(size, abs(u[j]))
-    return way > _OFF * size
+    return way > least * size
 
 
 @functools.cache
 def held_kernel() -> Any:
     """Compile the kernel of constraints, or load it from the disk: see `first_off`."""
     names = {"IS_FAR": element(is_far), "INVARIANT_AT": VECTOR.at("invariant")}
+    names |= {"OFF": _OFF, "SLIGHTLY_OFF": _SLIGHTLY_OFF}
     signature = UniTuple(int64, 2)(int64, float64, int64, int64, *[vector_type] * 5)
     return compile_kernel(first_off, names, signature, "held")
