@@ -108,11 +108,11 @@ class Method:
         """Whether each step solves an equation by iteration. The number of evaluations then varies between steps."""
         return self.evaluations is None
 
-    @property
+    @functools.cached_property
     def settings(self) -> tuple[float, ...]:
         """The options that the kernel needs: by default, the fields of the record that are numbers, in their order."""
-        values = (getattr(self, name) for name in getattr(self, "__dataclass_fields__", ()))
-        return tuple(float(value) for value in values if isinstance(value, numbers.Real))
+        values = [getattr(self, name) for name in getattr(self, "__dataclass_fields__", ())]
+        return tuple([float(x) for x in values if isinstance(x, int | float | np.number)])
 
     def settings_of(self, members: Sequence[int]) -> tuple[float, ...]:
         """Return the settings for a block of members of an ensemble, with their numbers."""

@@ -430,8 +430,9 @@ def _obstacle(result: Any) -> str:
     body = code[code.index("define") :].partition("\n}")[0]  # the body of the function; its wrappers follow
     if not is_vectorised and " = phi " in body:  # a constant force needs no loop, and zero is set by memset
         return (
-            "it has branches or loops that do not work for several members at once; choose between simple values, and "
-            "split a loop that calls functions in many rounds"
+            "it has branches or loops that do not work for several members at once; choose between simple values, "
+            "split a loop that calls functions in many rounds, and read tables at the same place in all members, or as "
+            "a sum of terms such as slope * max(v - v0, 0.0)"
         )
     return ""
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.sparse
 
 import eig3
 from eig3 import problems
@@ -235,6 +236,14 @@ def test_chaos_is_right_up_to_a_time():
     text = repr(solution)
     assert f"No digit of u is right from t = {solution.reliable_until:.4g} on. The error grows like exp(" in text
     assert f"before t = {solution.reliable_until:.4g}" in text
+
+
+def test_the_front_of_a_wave_is_not_chaos():
+    """The masses that the wave has just reached move by 1e-6 of the others, and by less than their errors."""
+    K = scipy.sparse.diags_array([2 * np.ones(200), -np.ones(199), -np.ones(199)], offsets=[0, 1, -1])
+    bar = eig3.linear(np.ones(200), None, K, v0=np.eye(200)[0], t_span=(0, 50))
+    solution = bar.integrate(h=0.5, check=True, save_every=10)
+    assert solution.reliable_until is None
 
 
 def test_impacts():

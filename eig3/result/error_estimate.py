@@ -530,10 +530,14 @@ def _everywhere(t: np.ndarray, rows: np.ndarray, errors: np.ndarray) -> np.ndarr
 
 
 def _reliable_until(t: np.ndarray, u: np.ndarray, scale: Any) -> tuple[float | None, str]:
-    """Return the time after which no digit is right, and a sentence about the growth of the error."""
+    """Return the time after which no digit is right, and a sentence about the growth of the error.
+
+    It is the error of most degrees of freedom: at the front of a wave, a few have hardly begun to move.
+    """
     if not np.fmax.reduce(_largest_of_each(u) / scale, axis=None, initial=0.0) >= _NO_DIGIT:
         return None, ""
-    relative = np.fmax.reduce(np.abs(u / scale).reshape(len(t), -1), axis=1)
+    each = np.minimum(np.abs(u / scale), 1.0).reshape(len(t), -1)
+    relative = np.sqrt(np.nansum(each**2, axis=1) / np.maximum(1, np.sum(~np.isnan(each), axis=1)))
     wrong = np.flatnonzero(relative >= _NO_DIGIT)
     if not len(wrong):
         return None, ""
