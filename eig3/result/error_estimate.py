@@ -31,6 +31,7 @@ _STEPS = {"two thirds of": 2 / 3, "half": 1 / 2, "twice": 2.0, "four times": 4.0
 _CLEAR = 0.1  # largest difference from the order of the method with which coarser runs alone give the error
 _SURE = 0.2  # and with which the ratio of the errors holds for other parameters too
 _IN_PROPORTION = 0.95  # least cosine of the angle between two differences; smooth motions show 0.98 and more
+_HARDLY = 1e-2  # a degree of freedom that moves less, relative to the largest motion, has hardly begun to move
 _NO_DIGIT = 0.5  # an error of this fraction of the motion: no digit is right
 _FEW_COLUMNS = 16
 _MANY_STEPS = 100  # fewer steps may not be more with a smaller tolerance
@@ -532,12 +533,12 @@ def _everywhere(t: np.ndarray, rows: np.ndarray, errors: np.ndarray) -> np.ndarr
 def _reliable_until(t: np.ndarray, u: np.ndarray, scale: Any) -> tuple[float | None, str]:
     """Return the time after which no digit is right, and a sentence about the growth of the error.
 
-    It is the error of most degrees of freedom: at the front of a wave, a few have hardly begun to move.
+    A degree of freedom that has hardly begun to move, such as at the front of a wave, is compared with the others.
     """
+    scale = np.maximum(scale, _HARDLY * np.max(scale, where=np.isfinite(scale), initial=0.0))
     if not np.fmax.reduce(_largest_of_each(u) / scale, axis=None, initial=0.0) >= _NO_DIGIT:
         return None, ""
-    each = np.minimum(np.abs(u / scale), 1.0).reshape(len(t), -1)
-    relative = np.sqrt(np.nansum(each**2, axis=1) / np.maximum(1, np.sum(~np.isnan(each), axis=1)))
+    relative = np.fmax.reduce(np.abs(u / scale).reshape(len(t), -1), axis=1)
     wrong = np.flatnonzero(relative >= _NO_DIGIT)
     if not len(wrong):
         return None, ""
