@@ -6,6 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from . import text
+from .rivals import exudyn, mujoco
+from .timing import medians
+
 #: ``run(steps)`` returns the seconds that it took, and what is compared at its end.
 Run = Callable[[int], tuple[float, np.ndarray]]
 
@@ -38,17 +42,17 @@ def rows(
 ) -> list[list[str]]:
     """Return the rows of the table. The runs are repeated and interleaved; EIG-3 is the first."""
     needed = {name: fewest_steps(run, error_of, largest) for name, run in contenders.items()}
-    taken = {name: (*found, list[float]()) for name, found in needed.items() if found}
-    for _ in range(repeats):
-        for name, (steps, _, seconds) in taken.items():
-            seconds.append(contenders[name](steps)[0])
-    first = np.median(taken[next(iter(contenders))][2])
-    found = []
-    for name in contenders:
-        cells = ["-"] * 4
-        if name in taken:
-            steps, error, seconds = taken[name]
-            middle = np.median(seconds)
-            cells = [str(steps), f"{error:.1e}", f"{1e6 * middle / steps:.3g}", f"{middle / first:.2g}"]
-        found.append([name, *cells])
-    return found
+    reached = {name: found for name, found in needed.items() if found}
+    runs = {name: lambda run=contenders[name], steps=steps: run(steps)[0] for name, (steps, _) in reached.items()}
+    seconds = medians(runs, repeats, "equal error")
+    rows = {name: [name, *["-"] * 4] for name in contenders}
+    for name, (steps, error) in reached.items():
+        ratio = seconds[name] / seconds[next(iter(contenders))]
+        rows[name] = [name, str(steps), f"{error:.1e}", f"{1e6 * seconds[name] / steps:.3g}", f"{ratio:.2g}"]
+    return list(rows.values())
+
+
+def page(heads: list[str], rows: list[list[str]], note: str) -> str:
+    """Return a table with its note, and how to install the rivals that are not there."""
+    missing = [rival.INSTALL for rival in (exudyn, mujoco) if not rival.is_there()]
+    return "\n\n".join([text.table(heads, rows), note, *missing])

@@ -13,7 +13,7 @@ from eig3.problems.rod_chain import G
 from eig3.result.solution import Solution
 from eig3.scene import Scene
 
-from . import equal_error, text
+from . import equal_error
 from .equal_error import Run
 from .rivals import exudyn, mujoco
 
@@ -68,8 +68,7 @@ def runs(n: int) -> dict[str, Run]:
 def table(sizes: tuple[int, ...], repeats: int) -> str:
     """Return the table for chains of these numbers of rods. Each run is repeated, and the runs take turns."""
     rows = [[str(n), *row] for n in sizes for row in rows_of(n, repeats)]
-    missing = [rival.INSTALL for rival in (exudyn, mujoco) if not rival.is_there()]
-    return "\n\n".join([text.table(["rods", *equal_error.HEADS], rows), _NOTE, *missing])
+    return equal_error.page(["rods", *equal_error.HEADS], rows, _NOTE)
 
 
 def rows_of(n: int, repeats: int) -> list[list[str]]:

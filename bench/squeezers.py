@@ -10,7 +10,7 @@ import numpy as np
 from eig3 import problems
 from eig3.problems.squeezer import INERTIAS, LENGTH, MASSES, START, STIFFNESS, TORQUE, A, B, C, mechanism, places
 
-from . import equal_error, text
+from . import equal_error
 from .rivals import exudyn, mujoco
 
 T_END = 0.03  # s
@@ -81,5 +81,4 @@ def rows(repeats: int) -> list[list[str]]:
 
 def table(repeats: int) -> str:
     """Return the table. Each run is repeated, and the runs take turns."""
-    missing = [rival.INSTALL for rival in (exudyn, mujoco) if not rival.is_there()]
-    return "\n\n".join([text.table(equal_error.HEADS, rows(repeats)), _NOTE, *missing])
+    return equal_error.page(equal_error.HEADS, rows(repeats), _NOTE)

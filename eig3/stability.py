@@ -210,7 +210,7 @@ def limit(method: str | Method, xi: float = 0.0) -> float:
 @functools.cache
 def _limit(method: Method, xi: float) -> float:
     blocks = (_with_meetings(method, xi, block) for block in _blocks())
-    return first_exit(_excess_at(method, xi), _ROUND_OFF, blocks=blocks)
+    return first_exit(_excess_at(method, xi), _ROUND_OFF, blocks)
 
 
 def practical_limit(method: str | Method, xi: float = 0.0, growth: float = NEGLIGIBLE_GROWTH) -> float:
@@ -236,7 +236,7 @@ def practical_limit(method: str | Method, xi: float = 0.0, growth: float = NEGLI
     """
     if not growth > 0:
         raise ValueError(f"growth must be positive, not {growth}.")
-    return first_above(_excess_at(check_method(method), float(xi)), growth, blocks=_blocks())[0]
+    return first_above(_excess_at(check_method(method), float(xi)), growth, _blocks())[0]
 
 
 @functools.cache
@@ -255,17 +255,12 @@ def _excess_at(method: Method, xi: float) -> Excess:
     return lambda Omega: _excess(amplification_matrix(method, Omega, xi))
 
 
-def first_exit(
-    excess: Excess,
-    tolerance: float,
-    accuracy: float = 1e-10,
-    blocks: Iterable[np.ndarray] = (),
-) -> float:
+def first_exit(excess: Excess, tolerance: float, blocks: Iterable[np.ndarray]) -> float:
     """The least x at which ``excess(x)`` exceeds `tolerance`, searched at the increasing numbers of `blocks`.
 
     It is 0.0 if the excess grows from x = 0 on, and infinite if it never exceeds the tolerance.
     """
-    low, high = first_above(excess, tolerance, accuracy, blocks)
+    low, high = first_above(excess, tolerance, blocks)
     if math.isinf(low):
         return low
     # Beyond a limit the excess rises steeply, or it is negative well before the limit. An excess that grows as a power
@@ -275,15 +270,10 @@ def first_exit(
     return low if is_limit else 0.0
 
 
-def first_above(
-    excess: Excess,
-    tolerance: float,
-    accuracy: float = 1e-10,
-    blocks: Iterable[np.ndarray] = (),
-) -> tuple[float, float]:
+def first_above(excess: Excess, tolerance: float, blocks: Iterable[np.ndarray]) -> tuple[float, float]:
     """The last x before ``excess(x)`` first exceeds `tolerance` and the first x after; both infinite if it never does.
 
-    They differ by `accuracy`, relatively if they are below 1, or by round-off.
+    They differ by 1e-10, relatively if they are below 1, or by round-off.
     """
     stable = 0.0
     for block in blocks:
@@ -295,7 +285,7 @@ def first_above(
         return math.inf, math.inf
     first = int(unstable[0])
     low, high = float(block[first - 1]) if first else stable, float(block[first])
-    while high - low > max(accuracy * min(1.0, high), 2 * np.spacing(high)):
+    while high - low > max(1e-10 * min(1.0, high), 2 * np.spacing(high)):
         middle = (low + high) / 2
         low, high = (low, middle) if excess(np.array([middle]))[0] > tolerance else (middle, high)
     return low, high

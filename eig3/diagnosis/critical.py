@@ -315,9 +315,9 @@ def _modal_limit(method: Method, k: np.ndarray, c: np.ndarray, allowed: float) -
         return growth(h).max(axis=1)
 
     if allowed:
-        limit, _ = first_above(largest, allowed, blocks=blocks)
+        limit, _ = first_above(largest, allowed, blocks)
     else:
-        limit = first_exit(largest, _ROUND_OFF, blocks=blocks)
+        limit = first_exit(largest, _ROUND_OFF, blocks)
     if math.isinf(limit):
         return limit, 0.0, 0.0
     grown = growth(limit * _BEYOND if limit > 0 else np.array([0.1]))
