@@ -19,6 +19,12 @@ def names_of(module):
     return getattr(module, "__all__", [name for name in vars(module) if not name.startswith("_")])
 
 
+def help_of(found):
+    """Return the text of help(), with the signature in one line: from Python 3.13 on, each argument has its own."""
+    text = pydoc.plain(pydoc.render_doc(found))
+    return re.sub(rf"({found.__name__})\(\n.*?\n[ |]*\)", r"\1(...)", text, count=1, flags=re.DOTALL)
+
+
 def helps():
     """Yield the names and the texts of help(): of a class what is before its methods, and then each of them."""
     for module in MODULES:
@@ -26,11 +32,11 @@ def helps():
             found = getattr(module, name)
             if inspect.ismodule(found) or not callable(found):
                 continue
-            whole = pydoc.plain(pydoc.render_doc(found))
+            whole = help_of(found)
             yield f"{module.__name__}.{name}", SECTION.split(whole)[0] if inspect.isclass(found) else whole
             for member, method in vars(found).items() if inspect.isclass(found) else ():
                 if not member.startswith("_") and inspect.isfunction(method):
-                    yield f"{module.__name__}.{name}.{member}", pydoc.plain(pydoc.render_doc(method))
+                    yield f"{module.__name__}.{name}.{member}", help_of(method)
 
 
 def test_help_is_short():

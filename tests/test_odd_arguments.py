@@ -27,7 +27,7 @@ def three(t, u, v, p, out):
             for x in (1, "no")
         ),
         ({"raise_on_failure": "False"}, TypeError, "raise_on_failure must be True or False"),
-        ({"save_every": np.timedelta64(5)}, ValueError, "save_every must be a whole number"),
+        ({"save_every": np.timedelta64(5, "s")}, ValueError, "save_every must be a whole number"),
     ],
 )
 @pytest.mark.parametrize("control", [{}, {"h": None, "rtol": 1e-3}])
@@ -36,7 +36,7 @@ def test_integrate_refuses(change, error, message, control):
         eig3.integrate(**{**RUN, **control, **change})
 
 
-@pytest.mark.parametrize("direction", [1 + 0j, True, "1", np.timedelta64(1), None, 2])
+@pytest.mark.parametrize("direction", [1 + 0j, True, "1", np.timedelta64(1, "s"), None, 2])
 def test_events_refuse_other_directions(direction):
     with pytest.raises(ValueError, match="direction must be -1, 0 or 1"):
         eig3.Event(position, direction=direction)
