@@ -104,6 +104,8 @@ class Pilots:
         The compilation time, s.
     least_power : float
         Errors are extrapolated with this power of time, or with a larger one that they show in the window.
+    knows_growth : bool
+        Whether runs over the whole span, or over longer parts, have shown how errors grow with time.
     at_start : tuple
         u and v at the start of the span, with first-order unknowns where they are needed.
     """
@@ -121,7 +123,7 @@ class Pilots:
         self._seen: History | None = None  # the last run of the reference method
         self._reference: History | None = None  # the reference run, with the exact displacements if they are known
         self._growth: float | None = None  # ratio of the errors over the whole span and in the window, if known
-        self.least_power = 0.0
+        self.least_power, self.knows_growth = 0.0, True
         self._largest = math.inf  # a motion that is larger is unstable
         self._sizes = -np.ones(2)  # the largest |u| and |v| of the motion; negative if none is known
         self._moves: Any = slice(None)  # events write the degrees of freedom that do not move, whose units differ
@@ -255,7 +257,7 @@ class Pilots:
         self.refer_to(fine)
         error, _ = self._error(coarse)
         if error > 0:
-            self._growth = max(1.0, whole.error / error)
+            self._growth, self.knows_growth = max(1.0, whole.error / error), True
 
     def note_growth(self, short: Sequence[Run], part: float, run: Run) -> None:
         """Extrapolate with the power of time that a run over a longer part shows beside a run with the same steps.
@@ -266,7 +268,7 @@ class Pilots:
         for each in short if self._growth is None else ():
             if each.n_steps == same and each.seen_error > 0 and 0 < run.seen_error < CONVERGING:
                 power = math.log(run.seen_error / each.seen_error) / math.log(part / self.part)
-                self.least_power = max(self.least_power, min(2.0, power))
+                self.least_power, self.knows_growth = max(self.least_power, min(2.0, power)), True
 
     def look_at(self, part: float) -> None:
         """Restrict the next runs to a part of the span: after a survey, to the part with the fastest motion."""
@@ -283,7 +285,7 @@ class Pilots:
                 first = int(np.argmax((total[ends + 1] - total[rows]) / (ends + 1 - rows)))
                 if first > 0:
                     t0, u0, v0 = t[first], survey.u[first - 1], survey.v[first - 1]
-        self._reference, self._growth, self.least_power = None, None, 0.0
+        self._reference, self._growth, self.least_power, self.knows_growth = None, None, 0.0, False
         self._look_from(t0, u0, v0, part)
 
     def _look_from(self, t0: float, u0: Any, v0: Any, part: float) -> None:

@@ -356,8 +356,8 @@ class Search(Timed):
         good, bad = self._good, self._bad
         if not good:
             last = self.runs[-1] if self.runs else Run(0, math.inf)
-            extrapolated = last.error < CONVERGING and not self.is_stalled
-            return last.n_steps * (last.error / self.pilots.aim) ** (1 / self.order) if extrapolated else 0
+            is_known = last.error < CONVERGING and not self.is_stalled and self.pilots.knows_growth
+            return last.n_steps * (last.error / self.pilots.aim) ** (1 / self.order) if is_known else 0
         if bad and good.n_steps > _COARSE * bad.n_steps and self.pilots.needs_reference and not self.is_limited:
             # There may be no possible number of steps between them, and an interpolated number might not reach the aim.
             return min(good.n_steps, _SAME * self._between(bad, good))
@@ -395,7 +395,10 @@ class Search(Timed):
         last = stable[-1]
         if self.is_stalled:
             return f"round-off limits the error to {last.error:.1e}"
-        h = self.pilots.part * self.pilots.span / last.n_steps
+        t = self.pilots.part * self.pilots.span
+        h = t / last.n_steps
+        if last.error < CONVERGING and not self.pilots.knows_growth:
+            return f"the error is {last.error:.1e} with h = {h:.2g}; no run over more than {t:.3g} time units was stable"
         return (
             f"the error does not converge down to h = {h:.2g}, where it is {last.error:.1e} (chaos, or a step still "
             "too long)"
