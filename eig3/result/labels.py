@@ -49,4 +49,4 @@ class Labels:
     def unit(self, letter: str, i: int = 0) -> str:
         """Return the unit of "u" or "v" in the degree of freedom i."""
         unit = self.units if isinstance(self.units, str) else self.units[i]
-        return unit if letter == "u" else f"{unit.replace('-', '1')}/s"
+        return unit if letter == "u" or not unit else f"{'1' if unit == '-' else unit}/s"

@@ -579,8 +579,9 @@ class Solution:
         -------
         xarray.Dataset
             With the variables u and v, over the coordinate t and, in the vector form, the names of the degrees of
-            freedom in the coordinate dof; then the outputs and z. u and v have the attribute units, one
-            or a list, where they are known. The attributes of the dataset are status, message, method and h.
+            freedom in the coordinate dof; then the outputs and z. Where the units are known, u and v have the
+            attribute units or, if they differ, the coordinates unit_of_u and unit_of_v over dof. The attributes of
+            the dataset are status, message, method and h.
 
         Raises
         ------
