@@ -456,7 +456,8 @@ class EnsembleSolution:
         ]
         evaluated = int(self.n_invariants.sum())
         some = f" (at {evaluated:,} of {total:,} steps)" * (evaluated < total)
-        lines += [f"  drift of {name}: at most {np.max(values):.4g}{some}" for name, values in self.drift.items()]
+        word = "change" if self.method.is_stochastic else "drift"
+        lines += [f"  {word} of {name}: at most {np.max(values):.4g}{some}" for name, values in self.drift.items()]
         lines += [f"  {self.error!r}"] * (self.error is not None)
         lines += [f"  Note: {note}" for note in self.notes]
         return "\n".join(lines)

@@ -611,7 +611,8 @@ class Solution:
             f"{self.kernel_seconds:.3g} s in the kernel ({per_step:.3g} ns a step)",
         ]
         some = f" (at {self.n_invariants:,} of {self.n_steps:,} steps)" * (self.n_invariants < self.n_steps)
-        lines += [f"  drift of {name}: {value:.4g}{some}" for name, value in self.drift.items()]
+        word = "change" if self.method.is_stochastic else "drift"  # a thermostat does not keep the energy
+        lines += [f"  {word} of {name}: {value:.4g}{some}" for name, value in self.drift.items()]
         lines += [f"  {self.message}"] * (not self.success)
         lines += [f"  {self.error}"] * (self.error is not None)
         lines += [f"  Note: {note}" for note in (*self.notes, *(self.error.notes if self.error else ()))]
