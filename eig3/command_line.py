@@ -6,13 +6,14 @@ import argparse
 import re
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 MOST_DIGITS = 15  # of a count; a larger number of members, steps or files does not fit in memory
 #: A command prints this after the names of the files that it wrote, if it cannot draw.
 NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"
+_OF_FILES = {".csv", ".gif", ".html", ".json", ".md", ".mp4", ".npz", ".png", ".svg", ".txt"}
 _LONGEST = 100  # bytes of a file name without its suffix; most systems allow 255 with it
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\.|$)", re.IGNORECASE)  # Windows takes these for devices
 
@@ -26,18 +27,27 @@ def count(text: str) -> int:
 
 
 def folder(text: str) -> Path:
-    """Convert the text of an option to a folder. Create it and test writing: errors are raised before the command runs.
+    """Convert the text of an option to a folder, which `Files` creates. Test writing: errors come before the command.
 
     Raises
     ------
     argparse.ArgumentTypeError
-        If the folder cannot be created, or a file of one block cannot be written there.
+        If it looks like a file, it cannot be created, or a file of one block cannot be written there.
     """
     path = Path(text)
-    with _usage_error(f"cannot create the folder {text!r}"):
-        path.mkdir(parents=True, exist_ok=True)
-    with _usage_error(f"cannot write to the folder {text!r}"), _unfinished(path) as place:
-        (place / "block").write_bytes(bytes(4096))
+    if path.suffix.lower() in _OF_FILES and not path.is_dir():
+        raise argparse.ArgumentTypeError(f"must be a folder, and not the file {text!r}: leave its ending out")
+    new: list[Path] = []
+    try:
+        with _usage_error(f"cannot create the folder {text!r}"):
+            new += (each for each in (path, *path.parents) if not each.exists())
+            path.mkdir(parents=True, exist_ok=True)
+        with _usage_error(f"cannot write to the folder {text!r}"), _unfinished(path) as place:
+            (place / "block").write_bytes(bytes(4096))
+    finally:
+        for each in new:
+            with suppress(OSError):
+                each.rmdir()
     return path
 
 
@@ -71,7 +81,7 @@ class Files:
     Parameters
     ----------
     folder : Path
-        An existing folder.
+        It is created with the first file.
     command : str
         The command, for its error message.
     """
@@ -87,6 +97,7 @@ class Files:
         An existing file is replaced when the new file is complete.
         """
         try:
+            self.folder.mkdir(parents=True, exist_ok=True)
             with _unfinished(self.folder) as place:
                 yield place / name
                 for file in place.iterdir():

@@ -68,7 +68,7 @@ def run(
     check : bool
         Estimate the error of the run, as `eig3.integrate` does.
     out : Path, optional
-        An existing folder for NAME.npz, NAME.csv (short histories only) and NAME.png (with matplotlib only).
+        A folder for NAME.npz, NAME.csv (short histories only) and NAME.png (with matplotlib only).
     export : Path, optional
         A file for some hundred of the states, as `Problem.export` writes it.
     animate : {"gif", "mp4", "html"}, optional

@@ -74,6 +74,19 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_run(command, caps
     assert printed.out == ""
 
 
+def test_only_the_folder_that_a_command_writes_to_is_created(tmp_path, capsys):
+    """The last of several options counts, and a command that ends with an error leaves nothing."""
+    last = tmp_path / "b" / "c"
+    assert main(["run", "kepler", "--t-end", "1", "--out", str(tmp_path / "a"), "--out", str(last)]) == 0
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "b"]
+    assert (last / "kepler.npz").exists()
+    for arguments in (["run", "keppler"], ["run", "kepler", "--h", "-1"], ["run", "kepler", "--out", "motion.csv"]):
+        with pytest.raises(SystemExit):
+            main([*arguments[:2], "--out", str(tmp_path / "a"), *arguments[2:]])
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "b"]
+    assert "--out: must be a folder, and not the file 'motion.csv': leave" in capsys.readouterr().err
+
+
 def test_a_file_that_cannot_be_written_leaves_the_older_one_and_the_others(tmp_path):
     resource = pytest.importorskip("resource")
     (tmp_path / "long").write_text("older")

@@ -32,10 +32,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _folder_or_file(text: str) -> Path:
+    return Path(text) if _is_file(Path(text)) else folder(text)
+
+
+def _is_file(path: Path) -> bool:
     from ..files.export import FORMATS
 
-    path = Path(text)
-    return path if path.suffix.lower() in (*FORMATS, ".xdmf") and not path.is_dir() else folder(text)
+    return path.suffix.lower() in (*FORMATS, ".xdmf") and not path.is_dir()
 
 
 def run(options: argparse.Namespace) -> int:
@@ -43,4 +46,5 @@ def run(options: argparse.Namespace) -> int:
     if options.format and not options.animate:
         raise SystemExit("eig3 run: --format is the format of an animation: give --animate too.")
     film = (options.format or "gif") if options.animate else None
-    return integrate(options, "eig3 run", options.out, animate=film, show=options.show, check=options.check)
+    out = {} if options.out is None else {"export" if _is_file(options.out) else "out": options.out}
+    return integrate(options, "eig3 run", animate=film, show=options.show, check=options.check, **out)
