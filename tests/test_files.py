@@ -1,5 +1,6 @@
 """Files of other programs, read back by their own libraries."""
 
+import re
 import tracemalloc
 import warnings
 import xml.etree.ElementTree as ET
@@ -101,6 +102,16 @@ def test_a_dump_of_lammps_has_image_flags(atoms, tmp_path):
         np.testing.assert_allclose(frame["positions"], row, atol=2e-6)  # in single precision
         np.testing.assert_allclose(frame["velocities"], rates, rtol=2e-7)
         np.testing.assert_array_equal(frame["dimensions"], [6, 7, 8, 90, 90, 90])
+
+
+def test_two_states_in_a_step_have_different_numbers(tmp_path):
+    """Two states a step: with equal numbers, some readers keep one of them."""
+    scene = Scene(dimension=2)
+    scene.add(LinearSpring(50.0, 1.0), scene.fixed((0, 0)), scene.mass(1.0, (1.2, 0)))
+    problem = scene.problem((0, 1))
+    solution = problem.integrate(h=0.1, t_eval=np.linspace(0, 1, 21))
+    path = problem.export(solution, tmp_path / "run.dump")
+    assert re.findall("TIMESTEP\n(.*)\n", path.read_text()) == [str(k) for k in range(21)]
 
 
 def frames_of(*files, **options):
