@@ -378,7 +378,8 @@ class EnsembleSolution:
         if self._with_functions and rhs is not None:
             self._resume = partial(self._with_functions, self.params, rhs, given)
         if rhs is not None:
-            unknowns, _ = check_z0(rhs, {name: x[0, 0] for name, x in self.z.items()} or None)
+            # not the values, which are NaN in a member that is not finished or ended before t_eval
+            unknowns, _ = check_z0(rhs, {name: np.zeros(x.shape[2:]) for name, x in self.z.items()} or None)
             self._rhs = unknowns.bind_rhs(rhs)
         return self
 
