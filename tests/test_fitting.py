@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -625,6 +626,8 @@ def test_the_picture_of_a_fit(tmp_path, monkeypatch):
     for label in ("u (m)", "force (N/kg)", "data - fit (m)", "data - fit (N/kg)", "t (s)", "k = 4.0"):
         assert f"<!-- {label}" in drawn
     assert drawn.count("<!-- data -->") == drawn.count("<!-- fit -->") == 2
+    known = replace(result, problem=OSCILLATOR.with_(output_units={"force": "N/kg"}))
+    assert "<!-- force (N/kg)" in known.plot(tmp_path / "known.svg").read_text()
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(ImportError, match=r"^the picture of a fit needs matplotlib: pip install 'eig3\[plot\]'\.$"):
         result.plot(path)

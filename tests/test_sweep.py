@@ -187,7 +187,8 @@ def test_outputs_are_measured_and_memory_goes_on_after():
         rotations, moments, u = (x[4000:] for x in (run.outputs["rotations"], run.outputs["moments"], run.u))
         expected = [np.abs(rotations).max(), moments[:, 4].max(), moments.min(), rotations[-1, 2], u[:, 30].max()]
         np.testing.assert_allclose([late.values[name][i] for name in measures], expected, rtol=3e-5)
-    assert whole.measures[1].label(problem) == "largest moments[4]"
+    assert whole.measures[1].label(problem) == "largest moments[4] (N m)"
+    assert whole.measures[1].label(problem.with_(output_units={})) == "largest moments[4]"
 
 
 def test_a_random_sample_is_reproducible_and_within_its_limits(tmp_path):

@@ -75,11 +75,17 @@ class Measure:
         return self.with_unit(f"{KINDS[self.kind]} {self.quantity}", problem)
 
     def with_unit(self, text: str, problem: Problem) -> str:
-        """Return a text with the unit of the measure; the units of outputs are not known."""
+        """Return a text with the unit of the measure, if it is known."""
+        unit = self._unit(problem)
+        return f"{text} ({unit})" if unit else text
+
+    def _unit(self, problem: Problem) -> str:
+        if self.needs_energy:
+            return problem.energy_unit
         if self.output:
-            return text
-        letter, i, _ = ("", 0, None) if self.needs_energy else self._components()
-        return f"{text} ({problem.unit(letter, i) if letter else problem.energy_unit})"
+            return problem.output_units.get(self.output, "")
+        letter, i, _ = self._components()
+        return problem.unit(letter, i)
 
     @property
     def output(self) -> str:
