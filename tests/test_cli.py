@@ -87,18 +87,13 @@ def test_only_the_folder_that_a_command_writes_to_is_created(tmp_path, capsys):
     assert "--out: must be a folder, and not the file 'motion.csv': leave" in capsys.readouterr().err
 
 
-def test_a_file_that_cannot_be_written_leaves_the_older_one_and_the_others(tmp_path):
-    resource = pytest.importorskip("resource")
+def test_a_file_that_cannot_be_written_leaves_the_older_one_and_the_others(limited_files, tmp_path):
     (tmp_path / "long").write_text("older")
     files, printed = Files(tmp_path, "eig3 run"), []
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, hard))
-    try:
+    with limited_files(5000):
         for name, size in (("long", 6000), ("short", 10)):
             with files.writing(name) as path:
                 path.write_text("x" * size)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     message = r"^eig3 run: cannot write to the folder .*: long \(File too large\)\. Choose another folder with --out\.$"
     with pytest.raises(SystemExit, match=message):
         files.finish(printed.append)

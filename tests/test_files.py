@@ -433,10 +433,11 @@ class Rows:
         return self.rows[row]
 
 
-def test_an_interrupted_file_is_not_left(atoms, tmp_path):
+@pytest.mark.parametrize("name", ["run.dump", "run.pvd"])
+def test_an_interrupted_file_is_not_left(atoms, name, tmp_path):
     """What was there before stays."""
     problem, solution, *_ = atoms
-    path = tmp_path / "run.dump"
+    path = tmp_path / name
     path.write_text("before")
 
     class Stopping(Rows):
@@ -448,7 +449,16 @@ def test_an_interrupted_file_is_not_left(atoms, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         problem.export(replace(solution, u=Stopping(solution.u)), path)
     assert path.read_text() == "before"
-    assert [file.name for file in tmp_path.iterdir()] == ["run.dump"]
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+def test_a_dcd_file_that_cannot_be_written_to_its_end_is_an_error(atoms, limited_files, tmp_path):
+    """A state has 64 * 12 bytes; MDAnalysis writes what fits, and says nothing."""
+    problem, solution, *_ = atoms
+    message = r"run\.dcd could not be written to its end: is the disk full\?$"
+    with limited_files(3000), pytest.raises(OSError, match=message):
+        problem.export(solution, tmp_path / "run.dcd")
+    assert [*tmp_path.iterdir()] == []
 
 
 @pytest.mark.parametrize("write", ["animate", "show", "export"])

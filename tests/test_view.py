@@ -98,6 +98,15 @@ def test_a_page_has_the_positions_of_the_run(pendulum, tmp_path):
     np.testing.assert_allclose(x[:, 0], 0, atol=half * (1 + 1e-9), rtol=0)
 
 
+def test_a_page_that_cannot_be_written_leaves_the_older_one(pendulum, limited_files, tmp_path):
+    problem, solution = pendulum
+    path = tmp_path / "view.html"
+    path.write_text("older")
+    with limited_files(5000), pytest.raises(OSError, match="File too large"):
+        problem.show(solution, path)
+    assert path.read_text() == "older"
+
+
 @pytest.mark.parametrize("bits", [16, 12, 8])
 def test_codes_are_exact_for_any_integers(bits):
     q = np.random.default_rng(1).integers(0, 2**bits, (7, 5, 3))
