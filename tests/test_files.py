@@ -5,6 +5,7 @@ import tracemalloc
 import warnings
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import ase.io
 import h5py
@@ -458,6 +459,15 @@ def test_a_dcd_file_that_cannot_be_written_to_its_end_is_an_error(atoms, limited
     message = r"run\.dcd could not be written to its end: is the disk full\?$"
     with limited_files(3000), pytest.raises(OSError, match=message):
         problem.export(solution, tmp_path / "run.dcd")
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_vtkhdf_stops_before_the_disk_is_full(atoms, monkeypatch, tmp_path):
+    """When a write fails, HDF5 crashes the process."""
+    problem, solution, *_ = atoms
+    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=2**25))
+    with pytest.raises(OSError, match=r"no room for the next state and 32 MB on the disk: .*run\.vtkhdf"):
+        problem.export(solution, tmp_path / "run.vtkhdf")
     assert [*tmp_path.iterdir()] == []
 
 
