@@ -134,9 +134,6 @@ def run(
     if export is not None:
         problem.export(solution, export, every=max(1, len(solution.t) // _EXPORTED))
         write(f"\nWritten: {export}")
-    if show is not None and not interrupt:
-        page = problem.show(_resolved(problem, solution, steps), show or None, t_end=solution.t[-1])
-        write(f"\nShown in {page.path}")
     if out is not None or animate:
         files = Files(out or Path(), "eig3 run")
         lacking = "" if out is None else _save(problem, solution, balance, files)
@@ -145,6 +142,9 @@ def run(
             with files.writing(f"{file_name(problem.name)}.{animate}") as path:
                 problem.animate(resolved, path, t_end=solution.t[-1])
         files.finish(write, lacking)
+    if show is not None and not interrupt:
+        page = problem.show(_resolved(problem, solution, steps), show or None, t_end=solution.t[-1])
+        write(f"\nShown in {page.path}")
     if interrupt:
         raise interrupt
     return solution

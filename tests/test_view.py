@@ -286,6 +286,13 @@ def test_the_command_writes_a_page_or_refuses_before_the_run(tmp_path, capsys, m
         main(["run", "single_dof", "--show", str(path)])
 
 
+def test_without_a_browser_the_files_of_the_run_are_written(tmp_path, monkeypatch):
+    monkeypatch.setattr("webbrowser.open", lambda address: False)
+    with pytest.raises(SystemExit, match="path must be given"):
+        main(["run", "spring_pendulum", "--t-end", "1", "--out", str(tmp_path), "--show"])
+    assert (tmp_path / "spring_pendulum.npz").exists()
+
+
 def of_grains(jitter: float) -> tuple[Frames, list[Color]]:
     """A made-up motion of 20,000 grains in 200 frames, which also tremble at random by `jitter`."""
     random, count, t = np.random.default_rng(1), 20_000, np.linspace(0, 8, 200)
