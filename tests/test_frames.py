@@ -249,3 +249,9 @@ def test_the_occurrences_of_an_event_as_a_table():
         assert list(table.columns) == ["t", *names]
         np.testing.assert_array_equal(table.t, np.arange(4.0))
         np.testing.assert_array_equal(table[names], np.hstack(states.reshape(4, 4, n)))
+
+
+def test_names_that_clash_in_a_table_of_occurrences_are_refused():
+    states = np.zeros((4, 2, 1))
+    with pytest.raises(ValueError, match="u0 is the name of two columns"):
+        Occurrences(np.arange(2.0), *states, {"u0": np.ones(2)}, {"u0": np.ones(2)}).to_pandas()

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import collections
 import importlib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import numpy as np
 
+from ..functions.checks import distinct
 from .labels import Labels
 
 _OF_EXTREMES = "minimum", "time of minimum", "maximum", "time of maximum", "peak"
@@ -19,7 +20,7 @@ _PLAIN = Labels()  # of degrees of freedom without names
 def to_pandas(solution: Any) -> Any:
     """Return a `Solution` as a DataFrame, as `Solution.to_pandas` describes."""
     pandas = _module("pandas")
-    frame = pandas.DataFrame(_distinct(_columns(solution)), index=pandas.Index(solution.t, name="t"))
+    frame = pandas.DataFrame(distinct(_columns(solution)), index=pandas.Index(solution.t, name="t"))
     frame.attrs.update(_attributes(solution), units=_named_units(solution))
     return frame
 
@@ -32,7 +33,7 @@ def to_xarray(solution: Any) -> Any:
 def ensemble_to_pandas(solution: Any) -> Any:
     """Return an `EnsembleSolution` as a DataFrame, as `EnsembleSolution.to_pandas` describes."""
     pandas, table = _module("pandas"), solution._table()
-    frame = pandas.DataFrame(_distinct([("member", table.member), ("t", table.t), *_columns(table)]))
+    frame = pandas.DataFrame(distinct([("member", table.member), ("t", table.t), *_columns(table)]))
     frame.attrs.update(method=repr(solution.method), units=_named_units(table))
     return frame
 
@@ -41,7 +42,7 @@ def ensemble_summary(solution: Any) -> Any:
     """Return a DataFrame with a row for each member, as `EnsembleSolution.summary` describes."""
     pandas = _module("pandas")
     index = pandas.Index(solution.first + np.arange(len(solution)), name="member")
-    columns = _distinct(_of_members(solution))
+    columns = distinct(_of_members(solution))
     frame = pandas.DataFrame(_parameters_beside(solution, columns) | columns, index=index)
     frame.attrs.update(method=repr(solution.method))
     return frame
@@ -185,15 +186,5 @@ def _dataset(
     for name, values in (*solution.outputs.items(), *solution.z.items()):
         variables.append((name, (axes if values.ndim == len(axes) else (*axes, f"{name} component"), values)))
     coordinates |= {f"{name} component": list(values) for name, values in labels.columns}
-    dataset = xarray.Dataset(_distinct([*coordinates.items(), *variables]), attrs=attributes)
+    dataset = xarray.Dataset(distinct([*coordinates.items(), *variables]), attrs=attributes)
     return dataset.set_coords([*coordinates])
-
-
-def _distinct(values: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the values by name, and refuse equal names, because an output may have any name."""
-    found: dict[str, Any] = {}
-    for name, value in values:
-        if name in found:
-            raise ValueError(f"{name} is the name of two columns: rename the output, integral or degree of freedom.")
-        found[name] = value
-    return found
