@@ -1,5 +1,6 @@
 """The command line, and the benchmarks it runs."""
 
+import io
 import json
 import os
 import re
@@ -103,6 +104,19 @@ def test_a_file_that_cannot_be_written_leaves_the_older_one_and_the_others(limit
         path.write_text("newer")
     files.check()
     assert (tmp_path / "long").read_text() == "newer"
+
+
+def test_an_output_that_is_closed_or_full(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", None)
+    assert main(["cache", "--path"]) == 0
+
+    class Full(io.StringIO):
+        def flush(self):
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(sys, "stdout", Full())
+    with pytest.raises(SystemExit, match=r"^eig3 cache: \[Errno 28\] No space left on device$"):
+        main(["cache", "--path"])
 
 
 def test_the_command_is_installed():
