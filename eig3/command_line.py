@@ -107,11 +107,16 @@ class Files:
         else:
             self._reasons[name] = ""
 
+    def leave_out(self, name: str) -> None:
+        """Remove the file `name` of an earlier run, which does not belong to the files of this run."""
+        (self.folder / name).unlink(missing_ok=True)
+
     def draw(self, name: str, picture: Callable[[Any], None]) -> str:
         """Write the picture that ``picture(figure)`` draws; return what to add to the list of written files."""
         try:
             from matplotlib.figure import Figure
         except ImportError:
+            self.leave_out(name)
             return NO_PICTURES
         figure = Figure(layout="constrained")
         picture(figure)

@@ -274,6 +274,8 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
         with files.writing(f"{name}.csv") as path, path.open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerow(["t", *columns])
             np.savetxt(file, table, delimiter=",")
+    else:
+        files.leave_out(f"{name}.csv")
     return files.draw(f"{name}.png", lambda figure: draw(figure, problem, solution, balance))
 
 
