@@ -51,6 +51,14 @@ def folder(text: str) -> Path:
     return path
 
 
+def file(text: str) -> str:
+    """Return the text of an option, the path of a file. If its folder exists, test writing there, as `folder` does."""
+    parent = Path(text).parent
+    if parent.is_dir():
+        folder(str(parent))
+    return text
+
+
 @contextmanager
 def _usage_error(what: str) -> Iterator[None]:
     try:

@@ -64,13 +64,23 @@ def test_a_record_that_fits_in_no_memory_is_refused_in_a_sentence(name, t_end):
 
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs /proc, in which nobody can write")
-@pytest.mark.parametrize("command", ["run kepler", "bench", *(f"bench {name}" for name in WITH_OUT)])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run kepler --out /proc",
+        "run kepler --out /proc/motion.dump",
+        "run kepler --show /proc/view.html",
+        "show kepler --out /proc/view.html",
+        "bench --out /proc",
+        *(f"bench {name} --out /proc" for name in WITH_OUT),
+    ],
+)
 def test_a_folder_that_cannot_be_written_is_refused_before_the_run(command, capsys):
     with pytest.raises(SystemExit) as caught:
-        main([*command.split(), "--out", "/proc"])
+        main(command.split())
     assert caught.value.code == 2
     printed = capsys.readouterr()
-    assert "error: argument --out: cannot write to the folder '/proc': " in printed.err
+    assert re.search("error: argument --(out|show): cannot write to the folder '/proc': ", printed.err)
     assert printed.err.endswith("; choose another folder\n")
     assert printed.out == ""
 

@@ -504,6 +504,13 @@ def test_bad_exports_are_refused(atoms, tmp_path, monkeypatch):
         fails(ImportError, rf"files need {module}: pip install 'eig3\[files\]'", name)
 
 
+def test_a_file_in_the_place_of_the_folder_of_states_is_refused(atoms, tmp_path):
+    problem, solution, *_ = atoms
+    (tmp_path / "run").write_text("other")
+    with pytest.raises(FileExistsError, match=r"another name than 'run\.pvd': its folder 'run' is a file\.$"):
+        problem.export(solution, tmp_path / "run.pvd")
+
+
 def test_no_states_of_an_earlier_run_are_left(tmp_path):
     """Other files in the folder stay."""
     problem = double_pendulum()

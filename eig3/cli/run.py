@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command_line import add_out, folder
+from ..command_line import add_out, file, folder
 from .problem import add_method_and_end, add_problem, add_steps, integrate
 
 SUMMARY = "integrate a problem; report its energy balance, write its history and a picture"
@@ -24,6 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--show",
         nargs="?",
         const="",
+        type=file,
         metavar="PATH",
         help="show the motion in three dimensions, on a page that one can "
         "turn: in the browser, or written to PATH, such as view.html",
@@ -32,7 +33,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _folder_or_file(text: str) -> Path:
-    return Path(text) if _is_file(Path(text)) else folder(text)
+    return Path(file(text)) if _is_file(Path(text)) else folder(text)
 
 
 def _is_file(path: Path) -> bool:
