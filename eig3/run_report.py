@@ -21,6 +21,7 @@ from .functions.checks import check_h, check_time
 from .methods import Method
 from .planning.suggested_step import first_step
 from .problem import Problem
+from .result.labels import with_unit
 from .result.solution import Solution
 from .view.page import check_page
 
@@ -230,7 +231,7 @@ class Balance:
 
     def summary(self) -> str:
         """Describe the energy at both ends, and the largest change of the energy minus the work."""
-        energy, work, unit = self.energy, self.work, "" if self.unit == "-" else f" {self.unit}"
+        energy, work, unit = self.energy, self.work, f" {self.unit}".removesuffix("-").rstrip()
         change = energy if work is None else energy - work
         unexplained = np.abs(change - change[0]).max()
         lines = [
@@ -250,9 +251,10 @@ class Balance:
         """Draw the change of energy since the start, and the work done."""
         change = self.energy - self.energy[0]
         if self.work is None:
-            drawing.lines(drawing.time_panel(figure, f"change of energy\n({self.unit})"), self.t, change)
+            label = with_unit("change of energy", self.unit).replace(" (", "\n(")
+            drawing.lines(drawing.time_panel(figure, label), self.t, change)
             return
-        axes = drawing.time_panel(figure, f"since the start\n({self.unit})")
+        axes = drawing.time_panel(figure, with_unit("since the start", self.unit).replace(" (", "\n("))
         drawing.lines(axes, self.t, np.column_stack([change, self.work]), ["change of\nenergy", "work done"])
         axes.lines[1].set_linestyle("--")
         drawing.legend(axes)

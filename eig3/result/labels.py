@@ -6,6 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 
+def with_unit(text: str, unit: str) -> str:
+    """Return a text with a unit in brackets, if the unit is known."""
+    return f"{text} ({unit})" if unit else text
+
+
 @dataclass(frozen=True)
 class Labels:
     """Names and units of the degrees of freedom of a problem.

@@ -16,6 +16,7 @@ from ..functions.layout import bound_layout
 from ..functions.quantities import shape_of
 from ..kernels.compile.source import define
 from ..problem import Problem
+from ..result.labels import with_unit
 from ..result.solution import Status
 
 KINDS = {"max": "largest", "min": "smallest", "peak": "peak", "end": "last", "drift": "drift of"}
@@ -76,8 +77,7 @@ class Measure:
 
     def with_unit(self, text: str, problem: Problem) -> str:
         """Return a text with the unit of the measure, if it is known."""
-        unit = self._unit(problem)
-        return f"{text} ({unit})" if unit else text
+        return with_unit(text, self._unit(problem))
 
     def _unit(self, problem: Problem) -> str:
         if self.needs_energy:
