@@ -6,13 +6,14 @@ import argparse
 import re
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 MOST_DIGITS = 15  # of a count; a larger number of members, steps or files does not fit in memory
 #: A command prints this after the names of the files that it wrote, if it cannot draw.
 NO_PICTURES = "; no pictures, since matplotlib is not installed (pip install 'eig3[plot]')"
+_OF_FILES = {".csv", ".gif", ".html", ".json", ".md", ".mp4", ".npz", ".png", ".svg", ".txt"}
 _LONGEST = 100  # bytes of a file name without its suffix; most systems allow 255 with it
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\.|$)", re.IGNORECASE)  # Windows takes these for devices
 
@@ -26,19 +27,36 @@ def count(text: str) -> int:
 
 
 def folder(text: str) -> Path:
-    """Convert the text of an option to a folder. Create it and test writing: errors are raised before the command runs.
+    """Convert the text of an option to a folder, which `Files` creates. Test writing: errors come before the command.
 
     Raises
     ------
     argparse.ArgumentTypeError
-        If the folder cannot be created, or a file of one block cannot be written there.
+        If it looks like a file, it cannot be created, or a file of one block cannot be written there.
     """
     path = Path(text)
-    with _usage_error(f"cannot create the folder {text!r}"):
-        path.mkdir(parents=True, exist_ok=True)
-    with _usage_error(f"cannot write to the folder {text!r}"), _unfinished(path) as place:
-        (place / "block").write_bytes(bytes(4096))
+    if path.suffix.lower() in _OF_FILES and not path.is_dir():
+        raise argparse.ArgumentTypeError(f"must be a folder, and not the file {text!r}: leave its ending out")
+    new: list[Path] = []
+    try:
+        with _usage_error(f"cannot create the folder {text!r}"):
+            new += (each for each in (path, *path.parents) if not each.exists())
+            path.mkdir(parents=True, exist_ok=True)
+        with _usage_error(f"cannot write to the folder {text!r}"), _unfinished(path) as place:
+            (place / "block").write_bytes(bytes(4096))
+    finally:
+        for each in new:
+            with suppress(OSError):
+                each.rmdir()
     return path
+
+
+def file(text: str) -> str:
+    """Return the text of an option, the path of a file. If its folder exists, test writing there, as `folder` does."""
+    parent = Path(text).parent
+    if parent.is_dir():
+        folder(str(parent))
+    return text
 
 
 @contextmanager
@@ -71,7 +89,7 @@ class Files:
     Parameters
     ----------
     folder : Path
-        An existing folder.
+        It is created with the first file.
     command : str
         The command, for its error message.
     """
@@ -87,6 +105,7 @@ class Files:
         An existing file is replaced when the new file is complete.
         """
         try:
+            self.folder.mkdir(parents=True, exist_ok=True)
             with _unfinished(self.folder) as place:
                 yield place / name
                 for file in place.iterdir():
@@ -96,11 +115,16 @@ class Files:
         else:
             self._reasons[name] = ""
 
+    def leave_out(self, name: str) -> None:
+        """Remove the file `name` of an earlier run, which does not belong to the files of this run."""
+        (self.folder / name).unlink(missing_ok=True)
+
     def draw(self, name: str, picture: Callable[[Any], None]) -> str:
         """Write the picture that ``picture(figure)`` draws; return what to add to the list of written files."""
         try:
             from matplotlib.figure import Figure
         except ImportError:
+            self.leave_out(name)
             return NO_PICTURES
         figure = Figure(layout="constrained")
         picture(figure)

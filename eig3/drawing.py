@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .result.labels import Labels
+from .result.labels import Labels, with_unit
 from .result.solution import Solution
 
 _AGAINST_TIME = "against time"  # label of the axes of panels against time
@@ -178,7 +178,7 @@ def histories(figure: Any, solution: Solution, names: Sequence[str] = (), units:
     units : (str, str), optional
         Units of displacement and velocity; by default the units in the problem.
     """
-    labels = solution.labels if solution.labels and solution.labels.units else Labels()
+    labels = solution.labels or Labels()
     u, v = (x.reshape(len(solution.t), -1)[:, :_LINES] for x in (solution.u, solution.v))
     for i, (letter, what, values) in enumerate((("u", "displacement", u), ("v", "velocity", v))):
         columns: dict[str, list[int]] = {}
@@ -189,7 +189,7 @@ def histories(figure: Any, solution: Solution, names: Sequence[str] = (), units:
                 shown = [names[j] for j in chosen]
             else:
                 shown = [labels.name(letter, j) if labels.names else f"$u_{{{j}}}$" for j in chosen]
-            lines(time_panel(figure, f"{what} ({unit})"), solution.t, values[:, chosen], shown)
+            lines(time_panel(figure, with_unit(what, unit)), solution.t, values[:, chosen], shown)
 
 
 def field(figure: Any, solution: Solution, places: np.ndarray, label: str, units: tuple[str, str]) -> None:

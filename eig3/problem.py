@@ -129,8 +129,8 @@ class Problem:
     view : callable, optional
         The view for `animate`: ``view(figure, film)`` draws the static parts on a matplotlib figure, and returns
         ``show(i)``, which shows frame i of the `eig3.animation.Film`. `eig3.animation` has views such as `Mechanism`.
-    outputs : dict
-        Available outputs, such as the reactions of constraints: pass all or some of these to `integrate` as `outputs`.
+    outputs, output_units : dict
+        Outputs that `integrate` takes as `outputs`, such as reactions, and units, as {"moments": "N m"}, if known.
     encounters : callable, optional
         For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and damping rates of possible
         collisions from a state, or None if unknown. Scenes with contacts or pair potentials have it.
@@ -163,6 +163,7 @@ class Problem:
     encounters: Callable | None = None
     masses: ArrayLike | None = None
     geometry: Geometry | None = None
+    output_units: Mapping[str, str] = field(default_factory=dict)
     unknowns: FirstOrder = field(default=NONE, init=False, repr=False)  # the names and shapes of z0
 
     def __post_init__(self) -> None:
@@ -171,6 +172,9 @@ class Problem:
         own = {"u0": u0, "v0": v0, "t_span": check_span(self.t_span)}
         own |= {"h": None if self.h is None else check_h(self.h), "outputs": dict(self.outputs)}
         self._check_degrees(np.size(u0))
+        given = self.output_units
+        if not (isinstance(given, Mapping) and all(isinstance(unit, str) for unit in given.values())):
+            raise TypeError(f"output_units must be a dictionary such as {{'force': 'N'}}, not {shown(given)}.")
         unknowns, z = check_z0(self.rhs, self.z0 or None if isinstance(self.z0, Mapping) else self.z0, form)
         own |= {"z0": unknowns.named(z), "unknowns": unknowns}
         own |= {"rhs": unknowns.bind_rhs(self.rhs), "energy": unknowns.bind(self.energy)}

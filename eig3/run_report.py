@@ -21,6 +21,7 @@ from .functions.checks import check_h, check_time
 from .methods import Method
 from .planning.suggested_step import first_step
 from .problem import Problem
+from .result.labels import with_unit
 from .result.solution import Solution
 from .view.page import check_page
 
@@ -68,7 +69,7 @@ def run(
     check : bool
         Estimate the error of the run, as `eig3.integrate` does.
     out : Path, optional
-        An existing folder for NAME.npz, NAME.csv (short histories only) and NAME.png (with matplotlib only).
+        A folder for NAME.npz, NAME.csv (short histories only) and NAME.png (with matplotlib only).
     export : Path, optional
         A file for some hundred of the states, as `Problem.export` writes it.
     animate : {"gif", "mp4", "html"}, optional
@@ -134,9 +135,6 @@ def run(
     if export is not None:
         problem.export(solution, export, every=max(1, len(solution.t) // _EXPORTED))
         write(f"\nWritten: {export}")
-    if show is not None and not interrupt:
-        page = problem.show(_resolved(problem, solution, steps), show or None, t_end=solution.t[-1])
-        write(f"\nShown in {page.path}")
     if out is not None or animate:
         files = Files(out or Path(), "eig3 run")
         lacking = "" if out is None else _save(problem, solution, balance, files)
@@ -145,6 +143,9 @@ def run(
             with files.writing(f"{file_name(problem.name)}.{animate}") as path:
                 problem.animate(resolved, path, t_end=solution.t[-1])
         files.finish(write, lacking)
+    if show is not None and not interrupt:
+        page = problem.show(_resolved(problem, solution, steps), show or None, t_end=solution.t[-1])
+        write(f"\nShown in {page.path}")
     if interrupt:
         raise interrupt
     return solution
@@ -230,7 +231,7 @@ class Balance:
 
     def summary(self) -> str:
         """Describe the energy at both ends, and the largest change of the energy minus the work."""
-        energy, work, unit = self.energy, self.work, "" if self.unit == "-" else f" {self.unit}"
+        energy, work, unit = self.energy, self.work, f" {self.unit}".removesuffix("-").rstrip()
         change = energy if work is None else energy - work
         unexplained = np.abs(change - change[0]).max()
         lines = [
@@ -250,9 +251,10 @@ class Balance:
         """Draw the change of energy since the start, and the work done."""
         change = self.energy - self.energy[0]
         if self.work is None:
-            drawing.lines(drawing.time_panel(figure, f"change of energy\n({self.unit})"), self.t, change)
+            label = with_unit("change of energy", self.unit).replace(" (", "\n(")
+            drawing.lines(drawing.time_panel(figure, label), self.t, change)
             return
-        axes = drawing.time_panel(figure, f"since the start\n({self.unit})")
+        axes = drawing.time_panel(figure, with_unit("since the start", self.unit).replace(" (", "\n("))
         drawing.lines(axes, self.t, np.column_stack([change, self.work]), ["change of\nenergy", "work done"])
         axes.lines[1].set_linestyle("--")
         drawing.legend(axes)
@@ -274,6 +276,8 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
         with files.writing(f"{name}.csv") as path, path.open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerow(["t", *columns])
             np.savetxt(file, table, delimiter=",")
+    else:
+        files.leave_out(f"{name}.csv")
     return files.draw(f"{name}.png", lambda figure: draw(figure, problem, solution, balance))
 
 

@@ -81,6 +81,7 @@ def yielding_frame(
         source="a moment frame with plastic hinges; record: Kanai (1957) and Tajimi (1960)",
         h=2e-4,
         outputs={"moments": link_forces(problem), "rotations": link_stretches(problem)},
+        output_units={"moments": "N m", "rotations": "rad"},
         view=view,
         draw=partial(draw, view=view, of_column=of_column, of_beam=of_beam),
     )

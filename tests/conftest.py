@@ -1,3 +1,4 @@
+import contextlib
 import functools
 import gc
 import importlib
@@ -172,6 +173,23 @@ def made_up(t, u):
 
 
 #: What two runs, or two ensembles, have in common if one of them was saved, cut into parts, or went on.
+@pytest.fixture
+def limited_files():
+    """A context in which no file can have more than so many bytes, as on a full disk."""
+    resource = pytest.importorskip("resource")
+
+    @contextlib.contextmanager
+    def limited(size):
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+    return limited
+
+
 SAME = ["t", "u", "v", "z", "h", "steps", "params", "n_steps", "n_rhs", "n_iterations", "n_rejected", "status"]
 SAME += ["message", "labels", "drift", "extremes", "outputs", "events"]
 

@@ -1,5 +1,6 @@
 """The command line, and the benchmarks it runs."""
 
+import io
 import json
 import os
 import re
@@ -63,29 +64,47 @@ def test_a_record_that_fits_in_no_memory_is_refused_in_a_sentence(name, t_end):
 
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs /proc, in which nobody can write")
-@pytest.mark.parametrize("command", ["run kepler", "bench", *(f"bench {name}" for name in WITH_OUT)])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run kepler --out /proc",
+        "run kepler --out /proc/motion.dump",
+        "run kepler --show /proc/view.html",
+        "show kepler --out /proc/view.html",
+        "bench --out /proc",
+        *(f"bench {name} --out /proc" for name in WITH_OUT),
+    ],
+)
 def test_a_folder_that_cannot_be_written_is_refused_before_the_run(command, capsys):
     with pytest.raises(SystemExit) as caught:
-        main([*command.split(), "--out", "/proc"])
+        main(command.split())
     assert caught.value.code == 2
     printed = capsys.readouterr()
-    assert "error: argument --out: cannot write to the folder '/proc': " in printed.err
+    assert re.search("error: argument --(out|show): cannot write to the folder '/proc': ", printed.err)
     assert printed.err.endswith("; choose another folder\n")
     assert printed.out == ""
 
 
-def test_a_file_that_cannot_be_written_leaves_the_older_one_and_the_others(tmp_path):
-    resource = pytest.importorskip("resource")
+def test_only_the_folder_that_a_command_writes_to_is_created(tmp_path, capsys):
+    """The last of several options counts, and a command that ends with an error leaves nothing."""
+    last = tmp_path / "b" / "c"
+    assert main(["run", "kepler", "--t-end", "1", "--out", str(tmp_path / "a"), "--out", str(last)]) == 0
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "b"]
+    assert (last / "kepler.npz").exists()
+    for arguments in (["run", "keppler"], ["run", "kepler", "--h", "-1"], ["run", "kepler", "--out", "motion.csv"]):
+        with pytest.raises(SystemExit):
+            main([*arguments[:2], "--out", str(tmp_path / "a"), *arguments[2:]])
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "b"]
+    assert "--out: must be a folder, and not the file 'motion.csv': leave" in capsys.readouterr().err
+
+
+def test_a_file_that_cannot_be_written_leaves_the_older_one_and_the_others(limited_files, tmp_path):
     (tmp_path / "long").write_text("older")
     files, printed = Files(tmp_path, "eig3 run"), []
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, hard))
-    try:
+    with limited_files(5000):
         for name, size in (("long", 6000), ("short", 10)):
             with files.writing(name) as path:
                 path.write_text("x" * size)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     message = r"^eig3 run: cannot write to the folder .*: long \(File too large\)\. Choose another folder with --out\.$"
     with pytest.raises(SystemExit, match=message):
         files.finish(printed.append)
@@ -95,6 +114,19 @@ def test_a_file_that_cannot_be_written_leaves_the_older_one_and_the_others(tmp_p
         path.write_text("newer")
     files.check()
     assert (tmp_path / "long").read_text() == "newer"
+
+
+def test_an_output_that_is_closed_or_full(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", None)
+    assert main(["cache", "--path"]) == 0
+
+    class Full(io.StringIO):
+        def flush(self):
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(sys, "stdout", Full())
+    with pytest.raises(SystemExit, match=r"^eig3 cache: \[Errno 28\] No space left on device$"):
+        main(["cache", "--path"])
 
 
 def test_the_command_is_installed():

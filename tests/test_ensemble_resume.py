@@ -244,9 +244,14 @@ def test_a_damaged_part_runs_again(tmp_path, started):
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
-    started.clear()
-    assert_same(whole.resume(), whole, SAME)
-    assert started == [128]
+    loaded = eig3.load(tmp_path, rhs=oscillator, **FUNCTIONS)
+    assert "part-000000000128.npz is damaged" in loaded.notes[-1]
+    assert (loaded.status == eig3.Status.INTERRUPTED).sum() == 128
+    for each in (loaded, whole):
+        path.write_bytes(content)
+        started.clear()
+        assert_same(each.resume(), whole, SAME)
+        assert started == [128]
 
 
 def test_a_directory_has_the_notes_and_the_seconds_of_its_parts(tmp_path):

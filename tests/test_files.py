@@ -1,9 +1,11 @@
 """Files of other programs, read back by their own libraries."""
 
+import re
 import tracemalloc
 import warnings
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import ase.io
 import h5py
@@ -101,6 +103,16 @@ def test_a_dump_of_lammps_has_image_flags(atoms, tmp_path):
         np.testing.assert_allclose(frame["positions"], row, atol=2e-6)  # in single precision
         np.testing.assert_allclose(frame["velocities"], rates, rtol=2e-7)
         np.testing.assert_array_equal(frame["dimensions"], [6, 7, 8, 90, 90, 90])
+
+
+def test_two_states_in_a_step_have_different_numbers(tmp_path):
+    """Two states a step: with equal numbers, some readers keep one of them."""
+    scene = Scene(dimension=2)
+    scene.add(LinearSpring(50.0, 1.0), scene.fixed((0, 0)), scene.mass(1.0, (1.2, 0)))
+    problem = scene.problem((0, 1))
+    solution = problem.integrate(h=0.1, t_eval=np.linspace(0, 1, 21))
+    path = problem.export(solution, tmp_path / "run.dump")
+    assert re.findall("TIMESTEP\n(.*)\n", path.read_text()) == [str(k) for k in range(21)]
 
 
 def frames_of(*files, **options):
@@ -422,10 +434,11 @@ class Rows:
         return self.rows[row]
 
 
-def test_an_interrupted_file_is_not_left(atoms, tmp_path):
+@pytest.mark.parametrize("name", ["run.dump", "run.pvd"])
+def test_an_interrupted_file_is_not_left(atoms, name, tmp_path):
     """What was there before stays."""
     problem, solution, *_ = atoms
-    path = tmp_path / "run.dump"
+    path = tmp_path / name
     path.write_text("before")
 
     class Stopping(Rows):
@@ -437,7 +450,25 @@ def test_an_interrupted_file_is_not_left(atoms, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         problem.export(replace(solution, u=Stopping(solution.u)), path)
     assert path.read_text() == "before"
-    assert [file.name for file in tmp_path.iterdir()] == ["run.dump"]
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+def test_a_dcd_file_that_cannot_be_written_to_its_end_is_an_error(atoms, limited_files, tmp_path):
+    """A state has 64 * 12 bytes; MDAnalysis writes what fits, and says nothing."""
+    problem, solution, *_ = atoms
+    message = r"run\.dcd could not be written to its end: is the disk full\?$"
+    with limited_files(3000), pytest.raises(OSError, match=message):
+        problem.export(solution, tmp_path / "run.dcd")
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_vtkhdf_stops_before_the_disk_is_full(atoms, monkeypatch, tmp_path):
+    """When a write fails, HDF5 crashes the process."""
+    problem, solution, *_ = atoms
+    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=2**25))
+    with pytest.raises(OSError, match=r"no room for the next state and 32 MB on the disk: .*run\.vtkhdf"):
+        problem.export(solution, tmp_path / "run.vtkhdf")
+    assert [*tmp_path.iterdir()] == []
 
 
 @pytest.mark.parametrize("write", ["animate", "show", "export"])
@@ -471,6 +502,13 @@ def test_bad_exports_are_refused(atoms, tmp_path, monkeypatch):
     for module, name in (("meshio", "run.pvd"), ("h5py", "run.vtkhdf"), ("MDAnalysis", "run.dcd")):
         monkeypatch.setitem(__import__("sys").modules, module, None)
         fails(ImportError, rf"files need {module}: pip install 'eig3\[files\]'", name)
+
+
+def test_a_file_in_the_place_of_the_folder_of_states_is_refused(atoms, tmp_path):
+    problem, solution, *_ = atoms
+    (tmp_path / "run").write_text("other")
+    with pytest.raises(FileExistsError, match=r"another name than 'run\.pvd': its folder 'run' is a file\.$"):
+        problem.export(solution, tmp_path / "run.pvd")
 
 
 def test_no_states_of_an_earlier_run_are_left(tmp_path):

@@ -12,6 +12,7 @@ import eig3
 from eig3.methods import METHODS
 
 from .conftest import assert_same, first_position
+from .test_resume import After
 
 P = np.array([4.0, 1.5, 0.7])  # stiffnesses per mass, and the relaxation time
 START = np.array([1.0, 0.3, 0.2])  # u, v and z
@@ -440,3 +441,17 @@ def test_other_starts_keep_names_and_shapes():
     with pytest.raises(ValueError, match="energy_of needs z too"):
         energetic.energy_of([1.0], [0.0])
     assert energetic.energy_of([1.0], [0.0], z={"z": 0.7}) == 0.7
+
+
+def test_a_run_that_stopped_before_its_first_saved_state_goes_on(tmp_path):
+    """Neither the run nor the first part of the ensemble has values of z."""
+    options = {"h": 0.01, "params": P, "t_eval": [2.0, END]}
+    whole = eig3.integrate(solid, (0, END), [1.0], [0.3], z0=0.2, **options)
+    stopped = eig3.integrate(solid, (0, END), [1.0], [0.3], z0=0.2, **options, cancel=After(0))
+    path = stopped.save(tmp_path / "run.npz")
+    assert not stopped.t.size
+    assert_same(eig3.load(path, rhs=solid).extend(END), whole)
+    members = eig3.ensemble(solid, (0, END), np.ones((200, 1)), [0.3], z0=0.2, **options, save_to=tmp_path / "members")
+    (tmp_path / "members" / "part-000000000000.npz").unlink()
+    resumed = eig3.load(tmp_path / "members", rhs=solid).resume()
+    np.testing.assert_array_equal(resumed.z["z"], members.z["z"])

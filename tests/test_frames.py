@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+import xarray
 
 import eig3
 from eig3.effects import Gravity, LinearDamper, LinearSpring, Rod
@@ -55,7 +56,21 @@ def test_a_table_and_a_dataset_have_the_names_and_units_of_a_scene():
 def test_units_of_each_degree_of_freedom():
     run = eig3.problems.spring_pendulum().integrate(h=1e-2, t_end=0.1, invariants={})
     assert run.to_pandas().attrs["units"] == {"u0": "m", "u1": "rad", "v0": "m/s", "v1": "rad/s"}
-    assert (run.to_xarray().v.attrs["units"], list(run.to_xarray().dof)) == (["m/s", "rad/s"], [0, 1])
+    assert (list(run.to_xarray()["unit_of_v"]), list(run.to_xarray().dof)) == (["m/s", "rad/s"], [0, 1])
+
+
+def test_units_that_differ_are_kept_in_a_netcdf_file_of_scipy(tmp_path):
+    run = eig3.problems.spring_pendulum().integrate(h=1e-2, t_end=0.1, invariants={})
+    run.to_xarray().to_netcdf(tmp_path / "run.nc", engine="scipy")
+    read = xarray.load_dataset(tmp_path / "run.nc", engine="scipy")
+    assert list(read["unit_of_u"]) == ["m", "rad"]
+    np.testing.assert_array_equal(read.v, run.v)
+
+
+def test_the_unit_of_a_velocity():
+    """A minus sign in a unit is an exponent, and only a minus sign alone is a dimensionless number."""
+    labels = eig3.problems.spring_pendulum().with_(units=("-", "N m-1")).labels
+    assert [labels.unit("v", i) for i in range(2)] == ["1/s", "N m-1/s"]
 
 
 def test_a_run_without_a_problem_has_plain_names_and_no_units():
@@ -78,7 +93,7 @@ def test_an_ensemble_is_a_dataset_over_its_members():
     assert data.u.dims == ("member", "t", "dof")
     np.testing.assert_array_equal(data.v.sel(member=1), together[1].v)
     np.testing.assert_array_equal(data.t, together[0].t)
-    assert data.u.attrs["units"] == ["m", "rad"]
+    assert list(data["unit_of_u"]) == ["m", "rad"]
     assert data.status.values.tolist() == ["completed"] * 3
     assert together[1].to_pandas().attrs["units"]["v1"] == "rad/s"
 
@@ -234,3 +249,9 @@ def test_the_occurrences_of_an_event_as_a_table():
         assert list(table.columns) == ["t", *names]
         np.testing.assert_array_equal(table.t, np.arange(4.0))
         np.testing.assert_array_equal(table[names], np.hstack(states.reshape(4, 4, n)))
+
+
+def test_names_that_clash_in_a_table_of_occurrences_are_refused():
+    states = np.zeros((4, 2, 1))
+    with pytest.raises(ValueError, match="u0 is the name of two columns"):
+        Occurrences(np.arange(2.0), *states, {"u0": np.ones(2)}, {"u0": np.ones(2)}).to_pandas()

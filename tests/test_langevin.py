@@ -277,6 +277,7 @@ def test_warming_up_is_no_instability():
     run = eig3.integrate(harmonic_vector, (0, 200), np.ones(200), np.zeros(200), **options)
     assert run.drift["energy"] > 100  # in 200 s, 18 % of 1000 - 100 J
     assert run.notes == ()
+    assert f"  change of energy: {run.drift['energy']:.4g}" in repr(run)
 
 
 def test_noise_is_no_short_period():

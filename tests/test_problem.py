@@ -152,6 +152,7 @@ def test_the_start_of_a_scalar_problem_is_a_number():
         ("names", ("x",), r"^names must have a text for each of 2 degrees of freedom, not \('x',\)\."),
         ("names", "xy", r"^names must have a text for each of 2 degrees of freedom, not 'xy'\."),
         ("units", ("m",), r"^units must have a text for each of 2 degrees of freedom, not \('m',\)\."),
+        ("output_units", "N", r"^output_units must be a dictionary such as \{'force': 'N'\}, not 'N'\."),
     ],
 )
 def test_a_field_that_no_run_could_use_is_refused_at_once(field, value, message):

@@ -413,6 +413,7 @@ def panels(problem, **options):
 def test_the_motion_of_a_users_problem_has_its_names_and_units():
     plain = eig3.Problem("plain", linear_springs, [1.0, 0.5], [0.0, 0.0], [4.0], (0.0, 1.0))
     assert panels(plain) == [("displacement (m)", ["$u_{0}$", "$u_{1}$"]), ("velocity (m/s)", ["$u_{0}$", "$u_{1}$"])]
+    assert [label for label, _ in panels(plain.with_(units=""))] == ["displacement", "velocity"]
     assert panels(plain.with_(names=("x", "tilt"), units=("mm", "rad"))) == [
         ("displacement (mm)", ["x"]),
         ("displacement (rad)", ["tilt"]),

@@ -238,6 +238,21 @@ def test_without_matplotlib_the_history_is_written_all_the_same(tmp_path, monkey
     assert printed[-1].endswith(NO_PICTURES)
 
 
+def test_energies_without_a_unit():
+    for unit in ("", "-"):
+        text = Balance(np.arange(2.0), np.array([1.0, 2.0]), np.array([0.0, 1.0]), unit).summary()
+        assert text.startswith("  energy: 1 at the start, 2 at the end, between 1 and 2\n  work done: 1 at the end, ")
+
+
+def test_no_file_of_an_earlier_run_is_left(tmp_path, monkeypatch):
+    """The second run has too many values for a table, and no pictures."""
+    run(problems.hertz_impact, out=tmp_path, write=lambda line: None)
+    monkeypatch.setattr("eig3.run_report._CSV_VALUES", 1)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    run(problems.hertz_impact, out=tmp_path, write=lambda line: None)
+    assert [path.name for path in tmp_path.iterdir()] == ["hertz_impact.npz"]
+
+
 @pytest.mark.parametrize("name", ["../../x", "..", "a/b", "/etc/x", ".", "", "con"])
 def test_no_name_of_a_problem_leaves_the_folder(name, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)

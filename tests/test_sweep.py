@@ -187,7 +187,8 @@ def test_outputs_are_measured_and_memory_goes_on_after():
         rotations, moments, u = (x[4000:] for x in (run.outputs["rotations"], run.outputs["moments"], run.u))
         expected = [np.abs(rotations).max(), moments[:, 4].max(), moments.min(), rotations[-1, 2], u[:, 30].max()]
         np.testing.assert_allclose([late.values[name][i] for name in measures], expected, rtol=3e-5)
-    assert whole.measures[1].label(problem) == "largest moments[4]"
+    assert whole.measures[1].label(problem) == "largest moments[4] (N m)"
+    assert whole.measures[1].label(problem.with_(output_units={})) == "largest moments[4]"
 
 
 def test_a_random_sample_is_reproducible_and_within_its_limits(tmp_path):
@@ -253,7 +254,7 @@ def test_after_measures_the_steady_state():
     The free motion has decayed by exp(-0.2 * 4 * 60) = 1e-21 after 60 s. EIG-3 is of second order: at h = 0.01 and
     w = 4 its error of the amplitude is below (h w)^2 = 2e-3 relative to it, near resonance twice as much.
     """
-    fixed = {"xi": 0.2, "force": 1.0, "u0": 3.0}
+    fixed = [("xi", 0.2), ("force", 1.0), ("u0", 3.0)]
     study = study_of(
         problems.single_dof, "force_omega=1:6:6", measures=["max:u"], fixed=fixed, after=60.0, t_end=75.0, h=0.01
     )
@@ -329,6 +330,8 @@ def test_an_interrupted_sweep_keeps_the_batches_that_were_complete(tmp_path, mon
         ("duffing", "max:u", "give one or two parameters with --set, not 0"),
         ("duffing --set a=1:2:3 --set b=1:2:3 --set omega=1:2:3", "max:u", "give one or two parameters with --set"),
         ("duffing --set a=1:2:3 --fix a=1", "max:u", "a is given twice"),
+        ("duffing --set a=1:2:3 --fix b=1 --fix b=2", "max:u", "b is given twice"),
+        ("duffing --set u0=1:2:3 --fix u0[0]=3", "max:u", "u0[0] is given twice"),
         ("duffing --set a=1:2:3 --fix b", "max:u", "--fix must be NAME=VALUE, such as omega=1.2, not 'b'."),
         ("elastic_bar --set length=1:2:2 --fix n=2.5", "max:u0", "--fix n must be a whole number, not 2.5."),
         ("elastic_bar --set n=4:8:4", "max:u0", "--set n takes whole numbers, but 4 values from 4 to 8 contain 5.3"),
@@ -405,7 +408,7 @@ def test_a_count_of_thousands_of_digits_is_refused_in_a_sentence(capsys):
 def test_without_a_step_the_sweep_takes_the_shortest_of_its_corners():
     """A tenth of 0.9 times the critical step 2 / omega, as `eig3 run` takes for one problem."""
     axes, measures = [Axis.parse("omega=10:500:3", random=False)], [Measure.parse("max:u0")]
-    study = Study.plan(problems.two_frequency_oscillator, axes, measures, fixed={"omega_fast": 100.0}, t_end=1000.0)
+    study = Study.plan(problems.two_frequency_oscillator, axes, measures, fixed=[("omega_fast", 100.0)], t_end=1000.0)
     assert study.h == pytest.approx(0.1 * 0.9 * 2 / 500, rel=0.01)  # the critical step is found to a per cent
 
 

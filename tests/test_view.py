@@ -98,6 +98,15 @@ def test_a_page_has_the_positions_of_the_run(pendulum, tmp_path):
     np.testing.assert_allclose(x[:, 0], 0, atol=half * (1 + 1e-9), rtol=0)
 
 
+def test_a_page_that_cannot_be_written_leaves_the_older_one(pendulum, limited_files, tmp_path):
+    problem, solution = pendulum
+    path = tmp_path / "view.html"
+    path.write_text("older")
+    with limited_files(5000), pytest.raises(OSError, match="File too large"):
+        problem.show(solution, path)
+    assert path.read_text() == "older"
+
+
 @pytest.mark.parametrize("bits", [16, 12, 8])
 def test_codes_are_exact_for_any_integers(bits):
     q = np.random.default_rng(1).integers(0, 2**bits, (7, 5, 3))
@@ -275,6 +284,13 @@ def test_the_command_writes_a_page_or_refuses_before_the_run(tmp_path, capsys, m
     monkeypatch.setattr(Problem, "integrate", None)
     with pytest.raises(SystemExit, match="eig3 run: single_dof has no geometry"):
         main(["run", "single_dof", "--show", str(path)])
+
+
+def test_without_a_browser_the_files_of_the_run_are_written(tmp_path, monkeypatch):
+    monkeypatch.setattr("webbrowser.open", lambda address: False)
+    with pytest.raises(SystemExit, match="path must be given"):
+        main(["run", "spring_pendulum", "--t-end", "1", "--out", str(tmp_path), "--show"])
+    assert (tmp_path / "spring_pendulum.npz").exists()
 
 
 def of_grains(jitter: float) -> tuple[Frames, list[Color]]:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..result.labels import Labels
+from ..result.labels import Labels, with_unit
 from .film import Film
 from .shapes import coils, limits
 
@@ -34,7 +34,7 @@ class Curves:
         count = min(_MOST, film.u.shape[1])
         units = {self.labels.unit("u", j) for j in range(count)}
         axes = figure.add_subplot()
-        axes.set_ylabel(f"displacement ({' or '.join(sorted(units))})")
+        axes.set_ylabel(with_unit("displacement", " or ".join(sorted(units - {""}))))
         names = [self.labels.name("u", j) for j in range(count)]
         curves = film.path(lambda t, u: u[:, :count])
         return _against_time(axes, film, curves, film.u[:, :count], names)
@@ -55,8 +55,9 @@ class Portrait:
     def __call__(self, figure: Any, film: Film) -> Callable[[int], None]:
         left, right = figure.subplots(1, 2)
         u, v = film.solution._interpolated(film.times)
-        left.set(xlabel=f"u ({self.units[0]})", ylabel=f"velocity ({self.units[1]})", xlim=limits(u), ylim=limits(v))
-        right.set_ylabel(f"displacement u ({self.units[0]})")
+        unit, of_v = self.units
+        left.set(xlabel=with_unit("u", unit), ylabel=with_unit("velocity", of_v), xlim=limits(u), ylim=limits(v))
+        right.set_ylabel(with_unit("displacement u", unit))
         (before,) = left.plot([], [], color="C0", linewidth=0.6, alpha=0.5)
         (trail,) = left.plot([], [], color="C0", linewidth=1.5)
         (mark,) = left.plot([], [], "C0o", markersize=6)

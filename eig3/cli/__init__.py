@@ -27,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = _parser(arguments).parse_args(arguments)
     try:
         status = options.run(options) or 0
-        sys.stdout.flush()
+        print(end="", flush=True)  # sys.stdout is None if it is closed
         return status
     except KeyboardInterrupt:
         print("\nInterrupted.", file=sys.stderr)
@@ -39,6 +39,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of a pipe, such as `head`, has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output again at exit
         return 0
+    except OSError as error:
+        raise SystemExit(f"eig3 {options.command}: {error}") from None
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from ..named_problem import OWN, builder, reported
@@ -36,14 +35,12 @@ def add_method_and_end(parser: argparse.ArgumentParser, default: str) -> None:
     )
 
 
-def integrate(options: argparse.Namespace, command: str, out: Path | None = None, **further: Any) -> int:
+def integrate(options: argparse.Namespace, command: str, **further: Any) -> int:
     """Run the problem with the options, and return the exit status: 1 if the run failed, for example if it diverged."""
     from ..run_report import run
 
     build = builder(options.problem, command)
     given = {name: getattr(options, name) for name in ("h", "rtol", "accuracy", "method", "t_end")}
-    if out is not None:
-        given["out" if out.is_dir() else "export"] = out
     with reported(command):
         solution = run(build, **given, **further)
     return 0 if solution.success else 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command_line import add_out, folder
+from ..command_line import add_out, file, folder
 from .problem import add_method_and_end, add_problem, add_steps, integrate
 
 SUMMARY = "integrate a problem; report its energy balance, write its history and a picture"
@@ -24,6 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--show",
         nargs="?",
         const="",
+        type=file,
         metavar="PATH",
         help="show the motion in three dimensions, on a page that one can "
         "turn: in the browser, or written to PATH, such as view.html",
@@ -32,10 +33,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _folder_or_file(text: str) -> Path:
+    return Path(file(text)) if _is_file(Path(text)) else folder(text)
+
+
+def _is_file(path: Path) -> bool:
     from ..files.export import FORMATS
 
-    path = Path(text)
-    return path if path.suffix.lower() in (*FORMATS, ".xdmf") and not path.is_dir() else folder(text)
+    return path.suffix.lower() in (*FORMATS, ".xdmf") and not path.is_dir()
 
 
 def run(options: argparse.Namespace) -> int:
@@ -43,4 +47,5 @@ def run(options: argparse.Namespace) -> int:
     if options.format and not options.animate:
         raise SystemExit("eig3 run: --format is the format of an animation: give --animate too.")
     film = (options.format or "gif") if options.animate else None
-    return integrate(options, "eig3 run", options.out, animate=film, show=options.show, check=options.check)
+    out = {} if options.out is None else {"export" if _is_file(options.out) else "out": options.out}
+    return integrate(options, "eig3 run", animate=film, show=options.show, check=options.check, **out)

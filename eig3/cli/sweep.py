@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
             build,
             [Axis.parse(text, random=options.random is not None) for text in options.axes],
             [Measure.parse(text) for text in options.measures],
-            fixed=dict(_fixed(text) for text in options.fixed),
+            fixed=[_fixed(text) for text in options.fixed],
             method="eig3" if options.method is None else options.method,
             **{name: getattr(options, name) for name in ("random", "seed", "h", "t_end", "after")},
         )

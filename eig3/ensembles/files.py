@@ -117,10 +117,13 @@ def _loaded(kind: type, fields: Mapping[str, Any]) -> Any:
 
 
 def whole_in(path: Path) -> Any:
-    """Return an ensemble with the parts from a directory. The other members are at their start."""
+    """Return an ensemble with the sound parts from a directory. The other members are at their start."""
     whole = storage.load(path / WHOLE)
     for part in sorted(path.glob(_PARTS)):
-        whole._place(storage.load(part))
+        try:
+            whole._place(storage.load(part))
+        except ValueError:
+            whole.notes = (*whole.notes, f"{part.name} is damaged: its members have not run, and resume runs them.")
     return with_error(whole, path)
 
 

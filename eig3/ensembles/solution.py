@@ -378,7 +378,8 @@ class EnsembleSolution:
         if self._with_functions and rhs is not None:
             self._resume = partial(self._with_functions, self.params, rhs, given)
         if rhs is not None:
-            unknowns, _ = check_z0(rhs, {name: x[0, 0] for name, x in self.z.items()} or None)
+            # not the values, which are NaN in a member that is not finished or ended before t_eval
+            unknowns, _ = check_z0(rhs, {name: np.zeros(x.shape[2:]) for name, x in self.z.items()} or None)
             self._rhs = unknowns.bind_rhs(rhs)
         return self
 
@@ -456,7 +457,8 @@ class EnsembleSolution:
         ]
         evaluated = int(self.n_invariants.sum())
         some = f" (at {evaluated:,} of {total:,} steps)" * (evaluated < total)
-        lines += [f"  drift of {name}: at most {np.max(values):.4g}{some}" for name, values in self.drift.items()]
+        word = "change" if self.method.is_stochastic else "drift"
+        lines += [f"  {word} of {name}: at most {np.max(values):.4g}{some}" for name, values in self.drift.items()]
         lines += [f"  {self.error!r}"] * (self.error is not None)
         lines += [f"  Note: {note}" for note in self.notes]
         return "\n".join(lines)

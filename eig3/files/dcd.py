@@ -32,9 +32,13 @@ def opened(path: Path, trajectory: Trajectory, types: np.ndarray) -> Iterator[Ca
         box = np.array([a, angles[2], b, angles[1], angles[0], c])  # the order in the file
         file.write(snapshot.x.astype(np.float32), box)
 
-    with complete(path) as part, libdcd.DCDFile(str(part), "w") as file:
-        file.write_header("written by eig3", trajectory.count, 0, 1, dt / _UNIT, int(is_periodic))
-        yield write
+    with complete(path) as part:
+        with libdcd.DCDFile(str(part), "w") as file:
+            file.write_header("written by eig3", trajectory.count, 0, 1, dt / _UNIT, int(is_periodic))
+            yield write
+        with libdcd.DCDFile(str(part)) as file:  # the library raises no error if it cannot write
+            if len(file) < len(trajectory):
+                raise OSError(f"{path} could not be written to its end: is the disk full?")
 
 
 def _even_time(times: np.ndarray) -> float:

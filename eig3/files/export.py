@@ -66,6 +66,8 @@ def check_export(geometry: Geometry | None, path: Path, name: str) -> Geometry:
         raise ValueError(f"path must end with {', '.join(FORMATS)}, not {path.name!r}.")
     if not path.parent.is_dir():
         raise FileNotFoundError(f"path must be in an existing folder: create {str(path.parent)!r} first.")
+    if path.suffix == ".pvd" and path.with_suffix("").is_file():
+        raise FileExistsError(f"path must have another name than {path.name!r}: its folder {path.stem!r} is a file.")
     if geometry is None:
         raise ValueError(
             f"{name} has no points in space to write: build it as a scene or a frame, or give it a view of its points "

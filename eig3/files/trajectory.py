@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +22,7 @@ class Snapshot:
         Of the solution.
     t : float
     step : int
-        The number of the step; with tolerances, the number of the row.
+        The number of the step; with tolerances, or with two states in a step, the number of the row.
     x : ndarray, shape (points, 3)
     v, spin : ndarray, shape (points, 3), or None
         Velocities and angular velocities, if they are known.
@@ -114,7 +115,7 @@ class Trajectory:
         return Snapshot(
             row=row,
             t=t,
-            step=row if solution.steps is not None else round((t - float(solution.t[0])) / solution.h),
+            step=int(self._steps[row]),
             x=x[self._material],
             v=None if v is None else v[self._material],
             spin=None if spin is None else spin[self._material],
@@ -123,6 +124,14 @@ class Trajectory:
             whole=self._whole(row),
             lattice=self._lattice(t),
         )
+
+    @functools.cached_property
+    def _steps(self) -> np.ndarray:
+        """The number of each row, which are different: readers may drop a second state with the same number."""
+        t = np.asarray(self._solution.t)
+        steps = np.rint((t - t[0]) / self._solution.h).astype(int)
+        is_step = self._solution.steps is None and (np.diff(steps) > 0).all()
+        return steps if is_step else np.arange(len(t))
 
     def contacts(self, row: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Return the pairs of points that push each other, and their normal forces, N; None without contacts."""

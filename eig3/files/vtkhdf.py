@@ -6,6 +6,8 @@ their cells if these are the same, and the data that do not change.
 
 from __future__ import annotations
 
+import errno
+import shutil
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,6 +23,7 @@ from .trajectory import Snapshot, Trajectory
 
 _NUMBERS = {"vertex": 1, "line": 3, "triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12}  # of VTK's cell types
 _CHUNK = 2**17  # bytes
+_LEAST_ROOM = 2**25  # bytes: a cache of 1 MB for each array, and the numbers of all states
 
 
 @contextmanager
@@ -30,8 +33,22 @@ def opened(path: Path, trajectory: Trajectory, types: np.ndarray) -> Iterator[Ca
     cells = Cells(trajectory, types)
     with complete(path) as part, h5py.File(part, "w") as file:
         grid = _Grid(file, cells.constant)
-        yield lambda snapshot: grid.add(snapshot.t, cells.of(snapshot))
+
+        def write(snapshot: Snapshot) -> None:
+            parts = cells.of(snapshot)
+            _check_room(path, parts)
+            grid.add(snapshot.t, parts)
+
+        yield write
         grid.finish()
+
+
+def _check_room(path: Path, parts: MeshParts) -> None:
+    """Raise an error if the disk may have no room for a state: HDF5 would crash the process."""
+    arrays = [parts.points, *parts.data.values(), *(corners for _, corners in parts.cells)]
+    # twice, for the types, offsets and data of cells too
+    if shutil.disk_usage(path.parent).free < _LEAST_ROOM + 2 * sum(values.nbytes for values in arrays):
+        raise OSError(errno.ENOSPC, "no room for the next state and 32 MB on the disk", str(path))
 
 
 class _Grid:

@@ -96,7 +96,8 @@ class Fit:
         path : str or path
             The file, whose suffix sets the format, such as ".png" or ".svg".
         units : dict of str to str
-            Units of outputs and z by name, such as ``{"force": "N"}``. The problem has the units of u and v.
+            Units of outputs and z by name, such as ``{"force": "N"}``. The problem has the units of u and v, and may
+            have units of outputs.
 
         Returns
         -------
@@ -379,8 +380,10 @@ def _check_times(problem: Problem, series: Sequence[Series]) -> None:
 
 
 def _unit(problem: Problem, series: Series) -> str:
-    """Return the unit of a series of u or v; empty for other series."""
-    return problem.unit(series.group, series.column or 0) if series.group in ("u", "v") else ""
+    """Return the unit of a series; empty if it is not known."""
+    if series.group in ("u", "v"):
+        return problem.unit(series.group, series.column or 0)
+    return problem.output_units.get(series.key, "") if series.group == "outputs" else ""
 
 
 def _with_error(name: str, value: float, error: float) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..result.labels import with_unit
 from ..result.solution import Solution
 from .data import Series
 
@@ -58,7 +59,7 @@ def save(
 def _motion(axes: Any, series: Series, t: np.ndarray, curve: np.ndarray, unit: str) -> None:
     axes.plot(series.t, series.values, ".", color="0.55", markersize=4, label="data")
     axes.plot(t, curve, color="C0", linewidth=1.1, label="fit")
-    axes.set_ylabel(f"{series.name} ({unit})" if unit else series.name)
+    axes.set_ylabel(with_unit(series.name, unit))
     axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
     axes.margins(x=0.01)
     axes.grid(alpha=0.35)
@@ -68,5 +69,5 @@ def _residuals(axes: Any, series: Series, residuals: np.ndarray, unit: str) -> N
     axes.axhline(0, color="C0", linewidth=1)
     axes.plot(series.t, residuals, ".", color="0.35", markersize=3)
     most = 1.15 * np.nanmax(np.abs(residuals)) or 1.0
-    axes.set(ylabel=f"data - fit ({unit})" if unit else "data - fit", ylim=(-most, most))
+    axes.set(ylabel=with_unit("data - fit", unit), ylim=(-most, most))
     axes.grid(alpha=0.35)

@@ -128,6 +128,16 @@ def check_names(names: Iterable[Any], argument: str) -> None:
             raise TypeError(f"the names in {argument} must be strings, not {shown(name)}.")
 
 
+def distinct(values: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the values by name, and refuse equal names, because an output may have any name."""
+    found: dict[str, Any] = {}
+    for name, value in values:
+        if name in found:
+            raise ValueError(f"{name} is the name of two columns: rename the output, integral or degree of freedom.")
+        found[name] = value
+    return found
+
+
 def check_cancel(cancel: Any) -> Any:
     """Return the event that cancels a run, or None."""
     if cancel is not None and not callable(getattr(cancel, "is_set", None)):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..keywords import with_suggestions
-from .checks import check_names, shown
+from .checks import check_names, distinct, shown
 
 
 @with_suggestions()
@@ -155,19 +155,22 @@ def table_of(columns: dict[str, np.ndarray], found: Any) -> Any:
     ------
     ImportError
         If pandas is not installed.
+    ValueError
+        If two columns have the same name.
     """
     try:
         import pandas
     except ImportError:
         raise ImportError("to_pandas needs pandas: pip install 'eig3[pandas]'.") from None
+    named = [*columns.items()]
     for after in ("", "_after"):
         for letter in "uv":
             values = getattr(found, letter + after)
-            columns |= {f"{letter}{j}{after}": x for j, x in enumerate(np.atleast_2d(values.T))}
+            named += ((f"{letter}{j}{after}", x) for j, x in enumerate(np.atleast_2d(values.T)))
         for name, values in getattr(found, "z" + after).items():
-            wide = {name: values} if values.ndim == 1 else {f"{name}[{j}]": x for j, x in enumerate(values.T)}
-            columns |= {f"{key}{after}": x for key, x in wide.items()}
-    return pandas.DataFrame(columns)
+            wide = [(name, values)] if values.ndim == 1 else [(f"{name}[{j}]", x) for j, x in enumerate(values.T)]
+            named += ((f"{key}{after}", x) for key, x in wide)
+    return pandas.DataFrame(distinct(named))
 
 
 def check_events(events: Any) -> dict[str, Event]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import collections
 import importlib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import numpy as np
 
+from ..functions.checks import distinct
 from .labels import Labels
 
 _OF_EXTREMES = "minimum", "time of minimum", "maximum", "time of maximum", "peak"
@@ -19,8 +20,8 @@ _PLAIN = Labels()  # of degrees of freedom without names
 def to_pandas(solution: Any) -> Any:
     """Return a `Solution` as a DataFrame, as `Solution.to_pandas` describes."""
     pandas = _module("pandas")
-    frame = pandas.DataFrame(_distinct(_columns(solution)), index=pandas.Index(solution.t, name="t"))
-    frame.attrs.update(_attributes(solution), units=_units(solution))
+    frame = pandas.DataFrame(distinct(_columns(solution)), index=pandas.Index(solution.t, name="t"))
+    frame.attrs.update(_attributes(solution), units=_named_units(solution))
     return frame
 
 
@@ -32,8 +33,8 @@ def to_xarray(solution: Any) -> Any:
 def ensemble_to_pandas(solution: Any) -> Any:
     """Return an `EnsembleSolution` as a DataFrame, as `EnsembleSolution.to_pandas` describes."""
     pandas, table = _module("pandas"), solution._table()
-    frame = pandas.DataFrame(_distinct([("member", table.member), ("t", table.t), *_columns(table)]))
-    frame.attrs.update(method=repr(solution.method), units=_units(table))
+    frame = pandas.DataFrame(distinct([("member", table.member), ("t", table.t), *_columns(table)]))
+    frame.attrs.update(method=repr(solution.method), units=_named_units(table))
     return frame
 
 
@@ -41,7 +42,7 @@ def ensemble_summary(solution: Any) -> Any:
     """Return a DataFrame with a row for each member, as `EnsembleSolution.summary` describes."""
     pandas = _module("pandas")
     index = pandas.Index(solution.first + np.arange(len(solution)), name="member")
-    columns = _distinct(_of_members(solution))
+    columns = distinct(_of_members(solution))
     frame = pandas.DataFrame(_parameters_beside(solution, columns) | columns, index=index)
     frame.attrs.update(method=repr(solution.method))
     return frame
@@ -147,12 +148,17 @@ def _named(solution: Any, name: str, values: np.ndarray, what: str = "") -> Iter
         yield from ((f"{what}{name}[{label}]", column) for label, column in zip(labels, values.T, strict=True))
 
 
-def _units(solution: Any) -> dict[str, str]:
-    """Return the unit of each displacement and velocity; an empty dict if the units are not known."""
-    if not (solution.labels and solution.labels.units):
+def _named_units(solution: Any) -> dict[str, str]:
+    """Return the unit of each displacement and velocity by name; an empty dict if the units are not known."""
+    units = _units(solution.labels, solution.u.shape[1] if solution.u.ndim > 1 else 1)
+    return {solution.labels.name(letter, i): unit for letter in units for i, unit in enumerate(units[letter])}
+
+
+def _units(labels: Labels | None, n: int) -> dict[str, list[str]]:
+    """Return the unit of "u" and "v" in each degree of freedom; an empty dict if the units are not known."""
+    if not (labels and labels.units):
         return {}
-    degrees = range(solution.u.shape[1] if solution.u.ndim > 1 else 1)
-    return {solution.labels.name(letter, i): solution.labels.unit(letter, i) for letter in "uv" for i in degrees}
+    return {letter: [labels.unit(letter, i) for i in range(n)] for letter in "uv"}
 
 
 def _dataset(
@@ -162,35 +168,23 @@ def _dataset(
     further: dict[str, Any],
     attributes: dict[str, Any],
 ) -> Any:
-    """Return u, v, outputs and z over `axes`, and in the vector form over "dof", with `further` variables."""
+    """Return u, v, outputs and z over `axes`, and in the vector form over "dof", with `further` variables.
+
+    Units that differ are a coordinate: as an attribute, NetCDF files of SciPy could not have them.
+    """
     xarray = _module("xarray")
     has_degrees = solution.u.ndim > len(axes)
     n = solution.u.shape[-1] if has_degrees else 1
     labels = solution.labels or _PLAIN
     if has_degrees:
         coordinates["dof"] = list(labels.names) or np.arange(n)
-    variables = [*_states(solution, (*axes, "dof") if has_degrees else axes, n), *further.items()]
+    units = _units(solution.labels, n)
+    common = {letter: {"units": of_all[0]} for letter, of_all in units.items() if len({*of_all}) == 1}
+    coordinates |= {f"unit_of_{x}": ("dof", of_all) for x, of_all in units.items() if x not in common}
+    dims = (*axes, "dof") if has_degrees else axes
+    variables = [*((x, (dims, getattr(solution, x), common.get(x, {}))) for x in "uv"), *further.items()]
     for name, values in (*solution.outputs.items(), *solution.z.items()):
         variables.append((name, (axes if values.ndim == len(axes) else (*axes, f"{name} component"), values)))
     coordinates |= {f"{name} component": list(values) for name, values in labels.columns}
-    dataset = xarray.Dataset(_distinct([*coordinates.items(), *variables]), attrs=attributes)
+    dataset = xarray.Dataset(distinct([*coordinates.items(), *variables]), attrs=attributes)
     return dataset.set_coords([*coordinates])
-
-
-def _states(solution: Any, dims: tuple[str, ...], n: int) -> Iterator[tuple[str, Any]]:
-    for letter in "uv":
-        attributes: dict[str, Any] = {}
-        if solution.labels and solution.labels.units:
-            units = [solution.labels.unit(letter, i) for i in range(n)]
-            attributes["units"] = units[0] if len({*units}) == 1 else units
-        yield letter, (dims, getattr(solution, letter), attributes)
-
-
-def _distinct(values: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the values by name, and refuse equal names, because an output may have any name."""
-    found: dict[str, Any] = {}
-    for name, value in values:
-        if name in found:
-            raise ValueError(f"{name} is the name of two columns: rename the output, integral or degree of freedom.")
-        found[name] = value
-    return found

@@ -6,6 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 
+def with_unit(text: str, unit: str) -> str:
+    """Return a text with a unit in brackets, if the unit is known."""
+    return f"{text} ({unit})" if unit else text
+
+
 @dataclass(frozen=True)
 class Labels:
     """Names and units of the degrees of freedom of a problem.
@@ -49,4 +54,4 @@ class Labels:
     def unit(self, letter: str, i: int = 0) -> str:
         """Return the unit of "u" or "v" in the degree of freedom i."""
         unit = self.units if isinstance(self.units, str) else self.units[i]
-        return unit if letter == "u" else f"{unit.replace('-', '1')}/s"
+        return unit if letter == "u" or not unit else f"{'1' if unit == '-' else unit}/s"

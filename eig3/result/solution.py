@@ -579,8 +579,9 @@ class Solution:
         -------
         xarray.Dataset
             With the variables u and v, over the coordinate t and, in the vector form, the names of the degrees of
-            freedom in the coordinate dof; then the outputs and z. u and v have the attribute units, one
-            or a list, where they are known. The attributes of the dataset are status, message, method and h.
+            freedom in the coordinate dof; then the outputs and z. Where the units are known, u and v have the
+            attribute units or, if they differ, the coordinates unit_of_u and unit_of_v over dof. The attributes of
+            the dataset are status, message, method and h.
 
         Raises
         ------
@@ -610,7 +611,8 @@ class Solution:
             f"{self.kernel_seconds:.3g} s in the kernel ({per_step:.3g} ns a step)",
         ]
         some = f" (at {self.n_invariants:,} of {self.n_steps:,} steps)" * (self.n_invariants < self.n_steps)
-        lines += [f"  drift of {name}: {value:.4g}{some}" for name, value in self.drift.items()]
+        word = "change" if self.method.is_stochastic else "drift"  # a thermostat does not keep the energy
+        lines += [f"  {word} of {name}: {value:.4g}{some}" for name, value in self.drift.items()]
         lines += [f"  {self.message}"] * (not self.success)
         lines += [f"  {self.error}"] * (self.error is not None)
         lines += [f"  Note: {note}" for note in (*self.notes, *(self.error.notes if self.error else ()))]

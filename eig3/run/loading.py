@@ -105,7 +105,8 @@ def with_functions(
             why = f"its status is {solution.status.name}"
         raise ValueError(f"this run cannot be continued: {why}; load it without functions.")
     if first_order is None:
-        first_order, _ = check_z0(rhs, {name: x[0] for name, x in solution.z.items()} or None)
+        # not the values: the run may have ended before the first time of t_eval
+        first_order, _ = check_z0(rhs, {name: np.zeros(x.shape[1:]) for name, x in solution.z.items()} or None)
     rhs = first_order.bind_rhs(rhs)
     events, invariants, outputs = map(first_order.bind_all, (events, invariants, outputs))
     if state["layout"]:

@@ -54,8 +54,12 @@ def check_times(t_eval: ArrayLike | None, t0: float, t1: float) -> np.ndarray | 
     times = reals(t_eval, "t_eval")
     if times.ndim != 1 or not times.size:
         raise ValueError(f"t_eval must be a 1-D array of at least one time, not of the shape {times.shape}.")
-    if not (t0 <= times[0] and times[-1] <= t1 and (np.diff(times) > 0).all()):
-        raise ValueError(f"t_eval must increase and lie within t_span, from {t0:g} to {t1:g}.")
+    is_outside = ~((t0 <= times) & (times <= t1))
+    if is_outside.any():
+        span = f"from {float(t0)!r} to {float(t1)!r}, not at {float(times[is_outside][0])!r}"
+        raise ValueError(f"t_eval must lie within t_span, {span}: leave this time out, or clip it if it is round-off.")
+    if not (np.diff(times) > 0).all():
+        raise ValueError("t_eval must increase: sort the times, and give each of them once.")
     return times
 
 

@@ -16,6 +16,7 @@ from ..functions.layout import bound_layout
 from ..functions.quantities import shape_of
 from ..kernels.compile.source import define
 from ..problem import Problem
+from ..result.labels import with_unit
 from ..result.solution import Status
 
 KINDS = {"max": "largest", "min": "smallest", "peak": "peak", "end": "last", "drift": "drift of"}
@@ -75,11 +76,16 @@ class Measure:
         return self.with_unit(f"{KINDS[self.kind]} {self.quantity}", problem)
 
     def with_unit(self, text: str, problem: Problem) -> str:
-        """Return a text with the unit of the measure; the units of outputs are not known."""
+        """Return a text with the unit of the measure, if it is known."""
+        return with_unit(text, self._unit(problem))
+
+    def _unit(self, problem: Problem) -> str:
+        if self.needs_energy:
+            return problem.energy_unit
         if self.output:
-            return text
-        letter, i, _ = ("", 0, None) if self.needs_energy else self._components()
-        return f"{text} ({problem.unit(letter, i) if letter else problem.energy_unit})"
+            return problem.output_units.get(self.output, "")
+        letter, i, _ = self._components()
+        return problem.unit(letter, i)
 
     @property
     def output(self) -> str:

@@ -43,11 +43,11 @@ class Parameters:
             self._options["work"] = True
         self._built = functools.lru_cache(maxsize=_KEPT)(lambda given: build(**dict(given), **self._options))
 
-    def check(self, name: str) -> None:
-        """Raise a ValueError if there is no such parameter."""
+    def entry(self, name: str) -> str:
+        """Return the name of a parameter, u0[0] also for u0, or raise a ValueError if there is no such parameter."""
         start = _START.fullmatch(name)
         if name in self.kinds:
-            return
+            return f"{name}[0]" if start else name
         if not start:
             names = ", ".join([*self.kinds, "u0[i]", "v0[i]"])
             raise ValueError(f"{self.build.__name__} has the parameters {names}, but not {name}.")
@@ -55,6 +55,7 @@ class Parameters:
         if (entry is None and n > 1) or int(entry or 0) >= n:
             last = f"{start[1]}[0] to {start[1]}[{n - 1}]" if n > 1 else start[1]
             raise ValueError(f"the start of {self.build.__name__} has the entries {last}, but not {name}.")
+        return f"{start[1]}[{int(entry or 0)}]"
 
     def is_whole(self, name: str) -> bool:
         """Return whether a parameter takes whole numbers only."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..result.labels import with_unit
 from ..result.solution import Status
 from .measures import Measure
 from .study import Study
@@ -45,8 +46,7 @@ def _title(figure: Any, study: Study) -> None:
 
 
 def _label(study: Study, name: str) -> str:
-    unit = study.parameters.unit(name, study.problem)
-    return f"{name} ({unit})" if unit else name
+    return with_unit(name, study.parameters.unit(name, study.problem))
 
 
 def _scale(study: Study, name: str) -> str:

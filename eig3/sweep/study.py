@@ -105,7 +105,7 @@ class Study:
         axes: Sequence[Axis],
         measures: Sequence[Measure],
         *,
-        fixed: Mapping[str, float] | None = None,
+        fixed: Sequence[tuple[str, float]] = (),
         random: int | None = None,
         seed: int = 0,
         h: float | None = None,
@@ -122,7 +122,7 @@ class Study:
         axes : sequence of Axis
             The swept parameters: one or two for a grid, any number for a random sample.
         measures : sequence of Measure
-        fixed : mapping of str to float, optional
+        fixed : sequence of (str, float)
             Parameters that differ from the defaults of the problem.
         random, seed : int, optional
             Number of members of a random sample, and its seed. Without `random` the members are the grid of the axes.
@@ -139,16 +139,16 @@ class Study:
         TypeError, ValueError
             If an argument is not valid.
         """
-        fixed = dict(fixed or {})
         if t_end is not None:
             t_end = check_time(t_end, "t_end")
         parameters = Parameters(build, t_end=t_end, work=any(measure.needs_energy for measure in measures))
-        names = [*(axis.name for axis in axes), *fixed]
-        for name in names:
-            parameters.check(name)
-            if names.count(name) > 1:
+        entries: set[str] = set()
+        for name in (*(axis.name for axis in axes), *(name for name, _ in fixed)):
+            entry = parameters.entry(name)
+            if entry in entries:
                 raise ValueError(f"{name} is given twice: each parameter has one --set or one --fix.")
-        for name, value in fixed.items():
+            entries.add(entry)
+        for name, value in fixed:
             is_whole = parameters.is_whole(name)
             if not (math.isfinite(value) and (float(value).is_integer() or not is_whole)):
                 wanted = "a whole number" if is_whole else "a finite number"
@@ -164,7 +164,8 @@ class Study:
         m = math.prod(axis.count or 0 for axis in axes) if random is None else random
         check_study(m, len(axes) + len(measures) + 1)
         columns = _columns(axes, parameters, random, seed)
-        corners = list(_corners(parameters, columns, fixed))
+        values = dict(fixed)
+        corners = list(_corners(parameters, columns, values))
         for problem, measure in itertools.product(corners, measures):
             measure.function(problem)
         record = check_method(method)
@@ -180,7 +181,7 @@ class Study:
             parameters,
             list(axes),
             columns,
-            fixed,
+            values,
             list(measures),
             check_h(h),
             record,

@@ -21,6 +21,7 @@ from ..animation.animate import captions
 from ..animation.film import Film
 from ..animation.look import Look
 from ..drawing import before_growth
+from ..files.table import text_file
 from ..result.solution import Solution
 from .frames import content, frames_of
 
@@ -89,7 +90,8 @@ def show(
         return Page(page)
     if target is None:
         target = Path(tempfile.mkdtemp(prefix="eig3-")) / "view.html"
-    target.write_text(page, encoding="utf-8")
+    with text_file(target) as file:
+        file.write(page)
     if path is None and not webbrowser.open(target.resolve().as_uri()):
         raise RuntimeError("path must be given, such as 'view.html', because no browser could be opened here.")
     return Page(page, target)
