@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnosis.coarseness import coarseness
+from ..diagnosis.coarseness import coarse_events, coarseness
 from ..diagnosis.critical import NoStableStepError, critical
 from ..diagnosis.divergence import Divergence, find_blow_up, find_divergence
 from ..diagnosis.heat import heat
 from ..functions.checks import check_count, check_resolution, check_time
+from ..functions.events import EffectEvent
 from ..functions.guard import guarded
 from ..functions.records import jump_note, jumps, shortest_loads
 from ..kernels.protocol import FAILED, SCALAR
@@ -275,7 +276,7 @@ class FixedRun(Run):
         stepper = self.stepper
         notes = self._invariant_notes("take a smaller h, or a method that is stable for this system")
         if self.status is Status.COMPLETED:
-            notes += filter(None, (self._coarseness(), self._instability(), heat(stepper)))
+            notes += filter(None, (self._coarseness(), self._contacts(), self._instability(), heat(stepper)))
         load = float(shortest_loads(stepper.system.rhs, stepper.p, t_span=(stepper.t0, stepper.t))[0])
         notes += [jump_note(stepper.h, load)] * jumps(stepper.h, load)
         running = stepper.running
@@ -294,6 +295,12 @@ class FixedRun(Run):
             return ""
         has_all = self.every == 1 and self.saved is not None
         return coarseness(stepper, self.saved["u"][: stepper.index + 1] if has_all and self.saved else None)
+
+    def _contacts(self) -> str:
+        """Describe a step that is too long for the contacts of links, whose events change the force alone."""
+        links = [name for name, event in self.stepper.system.events.items() if isinstance(event, EffectEvent)]
+        found = self.stepper.look.occurrences() if links else {}
+        return coarse_events(self.stepper.h, {name: found[name] for name in links if not len(found[name].jumps)})
 
     def _instability(self) -> str:
         """Describe a step that is unstable at the start of a system with first-order unknowns.
