@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .companions import mark
 from .layout import bound_layout
 from .named import Parameters
 
@@ -44,19 +45,12 @@ class Records(NamedTuple):
 
 def records_of(rhs: Any) -> Records | None:
     """Return the records of a right-hand side, or None. They are pickled with the Python function."""
-    return _mark(rhs, "records")
-
-
-def _mark(rhs: Any, name: str) -> Any:
-    function: Any = getattr(rhs, "py_func", None)
-    while hasattr(function, "inner"):
-        function = function.inner.py_func
-    return getattr(function, name, None)
+    return mark(rhs, "records")
 
 
 def left_out_of(rhs: Any) -> np.ndarray | None:
     """Return the places of parameters that the code of a scene leaves out because they were 0; None without a scene."""
-    return _mark(rhs, "left_out")
+    return mark(rhs, "left_out")
 
 
 def check_size(rhs: Any, params: Any, size: int) -> None:
