@@ -28,7 +28,7 @@ from .compile.numba_internals import Strip, parts_of, wide_vectors
 from .lane_observation import BAD, LANE_OBSERVATION, MOST_ROWS, OCCURRENCES, STATES, STOPPED, observing
 from .lanes import Lanes, Layout, compile_template
 from .loops.beginning import RESOLUTION, beginning, least_size, least_sizes
-from .loops.controller import LEAST_ERROR, SAFETY, exponent, next_step, shrinkage
+from .loops.controller import LEAST_ERROR, exponent, next_step, shrinkage
 from .loops.formulas import variable_formulas
 from .loops.pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
 from .protocol import (
@@ -56,6 +56,7 @@ TAKEN, REJECTED, EVALUATED, ENDED = range(4)
 #: The entries of `Block.place`: the next trajectory, and the number of those that have not ended.
 NEXT, OPEN = range(2)
 
+_FAR = 0.25  # of the longest way of a point in a step: a longer one may count more than the errors
 _OVERFLOWING = 1e150  # a single run says what is wrong with a larger motion
 
 _EVENT = none(*[vector_type] * 6)
@@ -197,7 +198,7 @@ def adaptive(rhs, alone, project, count, span, block, trajectories, seen):
         if span.points > 0:
             leaps(span.points, of, y)
             for lane in range(LANES):  # a single run shortens such steps
-                is_far = of.most[lane] * max(h[lane], step[lane]) > SAFETY * span.reach * step[lane]
+                is_far = of.most[lane] > FAR * span.reach
                 bad[lane] = BAD if (ok[lane] > 0) & is_far else bad[lane]
         if project != 0:
             PROJECT_AT(project)(span.t0, y[U_END], y[V_END], block.p)
@@ -411,7 +412,7 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int, observes: bool)
     """
     pair = variable_formulas(module)
     names: dict[str, Any] = {"N": n, "LANES": lanes, "ORDER": pair.order, "COST": pair.evaluations}
-    names |= {"OBSERVES": observes, "OVERFLOWING": _OVERFLOWING}
+    names |= {"OBSERVES": observes, "OVERFLOWING": _OVERFLOWING, "FAR": _FAR}
     names |= rows_of(module, n, lanes).views() | pair.of_lanes(n, lanes)
     names |= {
         "RHS_AT": _rhs_at,

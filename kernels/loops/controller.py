@@ -19,7 +19,7 @@ import numpy as np
 from ..compile.jit import element
 
 _ONE_BITS, _FRACTION_BITS = 1023 << 52, (1 << 52) - 1
-SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
+_SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
 _LEAST_SQUARE = 1e-20  # a smaller square of the error counts as this
 LEAST_ERROR = -13.0  # the logarithm of the last error counts as at least this in the next step
 
@@ -56,11 +56,11 @@ def next_step(step, before, now, last, was_rejected, h_max, order):
     power = 0.4 * last - 0.7 * now
     if order > 3 and now > LEAST_ERROR:
         power = min(power, order * log2(step / before) + last - 2 * now)
-    grown = min(MOST, max(LEAST, SAFETY * exp2(power / order)))
+    grown = min(MOST, max(LEAST, _SAFETY * exp2(power / order)))
     return min(step * (min(grown, 1.0) if was_rejected else grown), h_max)
 
 
 @element
 def shrinkage(square, order):
     """Return the factor of a step whose error is beyond the tolerance."""
-    return max(LEAST, SAFETY * exp2(-exponent(square) / order)) if square < 1e300 else LEAST / 2  # also for NaN
+    return max(LEAST, _SAFETY * exp2(-exponent(square) / order)) if square < 1e300 else LEAST / 2  # also for NaN

@@ -51,7 +51,7 @@ from ..protocol import (
     vector_type,
 )
 from .beginning import RESOLUTION, beginning, least_size
-from .controller import LEAST_ERROR, SAFETY, exponent, next_step, shrinkage
+from .controller import LEAST_ERROR, exponent, next_step, shrinkage
 from .fixed import STACKED_DEGREES, inline_callbacks, pointer_callbacks
 from .formulas import variable_formulas
 from .observe import (
@@ -118,16 +118,15 @@ def variable(callbacks, state, observation, counters, span, look):
                 copy_rows(kept, y, N)
             u_least, v_least, v_blur = SIZES_AT_REST(of_span, counters, t + step, state)
         square = SQUARE(step, n, y, span.rtol, span.atol, u_least, v_least)
-        far = leap(span.points, y) / span.reach
-        if not (square <= 1.0 and far <= 1.0):
+        if span.points > 0:  # a way counts as an error that is proportional to h^ORDER
+            square = max(square, (leap(span.points, y) / span.reach) ** (2 * ORDER))
+        if not square <= 1.0:
             counters[REJECTED] += 1
-            h = step * min(shrinkage(square, ORDER), SAFETY / max(far, SAFETY))
+            h = step * shrinkage(square, ORDER)
             was_rejected = True
             continue
         t_end, error = span.t_end if is_last else t + step, exponent(square)
         h = next_step(step, counters[STEP_BEFORE], error, counters[ERROR], was_rejected, span.h_max, ORDER)
-        if far > 0:
-            h = min(h, SAFETY / far * step)
         if square == 0 and span.reads_time == 1 and is_silent(n, y):
             h = min(h, max(step, _SILENCE * (t_end - span.t0)))
             if step > counters[SILENT_STEP]:
