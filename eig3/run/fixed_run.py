@@ -300,9 +300,10 @@ class FixedRun(Run):
 
     def _contacts(self) -> str:
         """Describe a step that is too long for the contacts of links, whose events change the force alone."""
-        links = [name for name, event in self.stepper.system.events.items() if isinstance(event, EffectEvent)]
-        found = self.stepper.look.occurrences() if links else {}
-        return coarse_events(self.stepper.h, {name: found[name] for name in links if not len(found[name].jumps)})
+        stepper = self.stepper
+        links = [name for name, event in stepper.system.events.items() if isinstance(event, EffectEvent)]
+        found = stepper.look.occurrences() if stepper.look and links else {}
+        return coarse_events(stepper.h, {name: found[name] for name in links if not len(found[name].jumps)})
 
     def _instability(self) -> str:
         """Describe a step that is unstable at the start of a system with first-order unknowns, or of one that grew.
