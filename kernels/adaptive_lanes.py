@@ -56,6 +56,7 @@ TAKEN, REJECTED, EVALUATED, ENDED = range(4)
 #: The entries of `Block.place`: the next trajectory, and the number of those that have not ended.
 NEXT, OPEN = range(2)
 
+_FAR = 0.25  # of the longest way of a point in a step: a longer one may count more than the errors
 _OVERFLOWING = 1e150  # a single run says what is wrong with a larger motion
 
 _EVENT = none(*[vector_type] * 6)
@@ -194,6 +195,11 @@ def adaptive(rhs, alone, project, count, span, block, trajectories, seen):
         if span.reads_time == 1:
             for lane in range(LANES):  # the force may not act yet
                 bad[lane] = BAD if (ok[lane] > 0) & (square[lane] == 0) else bad[lane]
+        if span.points > 0:
+            leaps(span.points, of, y)
+            for lane in range(LANES):  # a single run shortens such steps
+                is_far = of.most[lane] > FAR * span.reach
+                bad[lane] = BAD if (ok[lane] > 0) & is_far else bad[lane]
         if project != 0:
             PROJECT_AT(project)(span.t0, y[U_END], y[V_END], block.p)
         if OBSERVES and SEE(block.p, of, y, seen) > 0:
@@ -255,8 +261,8 @@ def begin_lane(lane, alone, span, of, y, block, trajectories, seen):
     counters[:] = 0.0
     longest = trajectories.longest[m]
     counters[TIME], counters[STEP] = span.t0, min(block.h_first, longest)
-    limits = longest, span.rtol, span.atol, span.is_relative
-    mine = Span(span.t0, span.t_end, own, 0, 0, 0, 0, *limits, 0, 0, counters, counters, one, one)
+    limits = longest, span.rtol, span.atol, span.is_relative, 0, 0, span.points, span.reach
+    mine = Span(span.t0, span.t_end, own, 0, 0, 0, 0, *limits, counters, counters, one, one)
     BEGIN(alone, address_of(mine), counters, ORDER, one)
     of.time[lane], of.h[lane], of.before[lane], of.error[lane] = span.t0, counters[STEP], counters[STEP_BEFORE], 1.0
     of.u_size[lane], of.v_size[lane], of.rejected[lane] = counters[U_SIZE], counters[V_SIZE], 0.0
@@ -292,6 +298,17 @@ def rest(span, of, a, a_end):
                 of.u_least[lane], of.v_least[lane], of.v_blur[lane] = least_sizes(
                     u_size[lane], v_size[lane], a_size, of.time[lane] + of.step[lane], length, span.rtol
                 )
+
+
+def leaps(points, of, y):
+    """Set `most` to what `variable.leap` returns for each lane."""
+    most = of.most
+    for lane in range(LANES):
+        most[lane] = 0.0
+    for d in range(points):
+        for lane in range(LANES):
+            j = d * LANES + lane
+            most[lane] = max(most[lane], abs(y[U_END][j] - y[U][j]))
 
 
 def widen_sizes(atol, of, y):
@@ -395,7 +412,7 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int, observes: bool)
     """
     pair = variable_formulas(module)
     names: dict[str, Any] = {"N": n, "LANES": lanes, "ORDER": pair.order, "COST": pair.evaluations}
-    names |= {"OBSERVES": observes, "OVERFLOWING": _OVERFLOWING}
+    names |= {"OBSERVES": observes, "OVERFLOWING": _OVERFLOWING, "FAR": _FAR}
     names |= rows_of(module, n, lanes).views() | pair.of_lanes(n, lanes)
     names |= {
         "RHS_AT": _rhs_at,
@@ -406,7 +423,7 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int, observes: bool)
     }
     if observes:
         names |= observing(form, {**names, "ROWS": pair.rows})
-    names |= {function.__name__: element(bound(function, names)) for function in (is_full, rest, widen_sizes)}
+    names |= {function.__name__: element(bound(function, names)) for function in (is_full, leaps, rest, widen_sizes)}
     names |= {"END": element(bound(end, names)), "BEGIN_LANE": element(bound(begin_lane, names))}
     integers, vector, matrix = Array(int64, 1, "C"), vector_type, matrix_type
     arguments = (

@@ -208,8 +208,9 @@ def observe_lane(lane, alone, span, own, of, block, seen):
     occurrence, row = seen.written[OCCURRENCES], seen.written[STATES]
     counters[LOGGED], counters[EVALUATIONS] = occurrence, 0.0
     limits = span.h_max, span.rtol, span.atol, span.is_relative, span.may_shorten, span.reads_time
+    way = span.points, span.reach
     rows = span.t_rows, span.h_rows, span.u_rows, span.v_rows
-    mine = Span(span.t0, span.t_end, own, 0, 0, max(span.every, 1), row, *limits, *rows)
+    mine = Span(span.t0, span.t_end, own, 0, 0, max(span.every, 1), row, *limits, *way, *rows)
     parts = seen.observation
     within = parts.follow, parts.search, parts.write, parts.dense_evaluations
     parts = Observation(seen.looks[lane], parts.most_logged, parts.at_each, parts.observe, parts.dense, *within)

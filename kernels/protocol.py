@@ -101,7 +101,8 @@ class Span(NamedTuple):
     Every `every`-th state is written to the rows, from the row `row` on; no state is written if there are no rows. With
     `every` 1, so is the state before a reset. `atol` has a row for u and one for v. If `is_relative` is 1, `rtol` is
     relative to the largest value so far of each degree of freedom whose `atol` is finite. If `may_shorten` is 0, a step
-    that reaches the end is not taken. If `reads_time` is 1, the force may change though nothing moves.
+    that reaches the end is not taken. If `reads_time` is 1, the force may change though nothing moves. The first
+    `points` degrees of freedom change by at most `reach` in a step.
     """
 
     t0: Any
@@ -117,6 +118,8 @@ class Span(NamedTuple):
     is_relative: Any
     may_shorten: Any
     reads_time: Any
+    points: Any
+    reach: Any
     t_rows: Any
     h_rows: Any
     u_rows: Any
@@ -245,7 +248,7 @@ STEPS = types.NamedTuple((float64, float64, _vector, *[int64] * 4, _matrix, _mat
 SPAN = types.NamedTuple(
     (
         *(float64, float64, _vector, int64, int64, int64, int64, float64, float64, _matrix, int64, int64, int64),
-        *(_vector, _vector, _matrix, _matrix),
+        *(int64, float64, _vector, _vector, _matrix, _matrix),
     ),
     Span,
 )

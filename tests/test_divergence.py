@@ -269,6 +269,27 @@ def test_eig3_on_a_gyroscope_is_noted():
     assert np.hypot(*run.v[-1]) == pytest.approx(math.exp(expected / 2), rel=0.02)
 
 
+def test_a_driven_gyroscope_that_grows_is_noted():
+    """A rotor turns with its unbalance at the rate 2, and starts on this motion: with z = u_0 + i u_1, the force
+    exp(2 i t) and the gyroscopic force -0.5 i z', |z| = 1 / |1 + 1 - 4|. No invariant shows that it must not grow."""
+    damping = np.array([[1e-3, 0.5], [-0.5, 1e-3]])
+    rotor = eig3.linear(
+        [1.0, 1.0], damping, np.eye(2), force=unbalance, t_span=(0, 6000), u0=[-0.5, 0.0], v0=[0.0, -1.0]
+    )
+    fine, coarse = (rotor.integrate(h=h, save_every=None) for h in (0.04, 0.25))
+    assert (fine.success, fine.notes) == (True, ())
+    assert np.hypot(*fine.u[-1]) == pytest.approx(0.5, rel=0.08**2)  # of second order: (2 h)^2
+    assert (coarse.success, np.hypot(*coarse.u[-1]) > 5) == (True, True)
+    limit = rotor.critical_step().limit
+    assert coarse.notes[0].startswith(f"h = 0.25 is longer than the critical step {limit:.4g} of EIG3")
+
+
+@eig3.jit
+def unbalance(t, u, v, p, out):
+    out[0] += np.cos(2 * t)
+    out[1] += np.sin(2 * t)
+
+
 @pytest.mark.parametrize("method", ["rk2", "ab2"])
 def test_growth_on_the_softening_spring_is_noted(method):
     run = problems.softening_spring().integrate(h=1e-3, method=method, save_every=None)

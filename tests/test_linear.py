@@ -545,11 +545,31 @@ def test_an_exact_motion_that_is_not_known_says_why(name):
 
 def test_the_exact_motion_of_another_structure_is_not_known():
     """Its modes, and the factors of its mass, follow from what eig3.linear gets."""
-    problem = eig3.linear(np.ones(N), None, stiffness(), t_span=(0, 1), u0=U0, damping=eig3.Modal(0.1, 2))
+    problem = eig3.linear(np.ones(N), None, stiffness(), t_span=(0, 1), u0=U0)
     stiffer = problem.with_(params=problem.params._replace(K=2 * stiffness()))
     assert not stiffer.exact
     with pytest.raises(ValueError, match=r"K, its mass or its modes have changed: make .* with eig3\.linear"):
         stiffer.exact(1.0)
+
+
+def test_what_modes_and_factors_are_computed_from_cannot_change_alone():
+    """The damping would keep the old modes, and the motion the old mass."""
+    damped = eig3.linear(np.ones(N), None, stiffness(), t_span=(0, 1), u0=U0, damping=eig3.Modal(0.1, 2))
+    coupled = eig3.linear(consistent(), None, stiffness(), t_span=(0, 1), u0=U0)
+    heavy = np.ones((2, N))
+    heavy[1, 0] = 1.1
+    softer = damped.params._replace(K=0.9 * stiffness())
+    for refused, names in (
+        (lambda: damped.with_(params={"m": heavy[1]}), "K and m"),
+        (lambda: damped.with_(params=softer), "K and m"),
+        (lambda: damped.ensemble(params={"m": heavy}, h=0.01), "K and m"),
+        (lambda: damped.prepare(h=0.01)((0, 1), U0, 0 * U0, softer), "K and m"),
+        (lambda: coupled.with_(params={"M": 2 * consistent()}), "M"),
+    ):
+        with pytest.raises(ValueError, match=rf"^params must keep {names}, because .* with eig3\.linear"):
+            refused()
+    assert damped.with_(params={"m": heavy[0]}).integrate(h=0.01).success
+    assert coupled.with_(params={"K": 2 * stiffness()}).integrate(h=0.01).success
 
 
 def test_modal_solutions_of_changed_problems_and_of_some_modes():

@@ -244,7 +244,7 @@ class VariableRun:
             may_shorten |= self.ended == BEFORE_END
             span = Span(
                 *(t0, t_end, self.p, self.index, 1000, every, self.row, np.inf, rtol, np.zeros((2, n)), 1),
-                *(int(may_shorten), 0, self.t, self.h, self.u, self.v),
+                *(int(may_shorten), 0, 0, np.inf, self.t, self.h, self.u, self.v),
             )
             taken, self.row, self.ended = kernel(callbacks, self.state, Observation(), self.counters, span, self.look)
             self.index += taken

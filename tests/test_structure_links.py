@@ -57,6 +57,21 @@ def as_a_scene(force):
     return scene.problem((0, 8))
 
 
+def test_contacts_of_few_steps_are_noted_and_a_growth_by_them_diverges():
+    """The energy is constant, so |u| stays below sqrt(2 E / 38), with the least eigenvalue of K, 38.2 N/m. Each contact
+    adds energy though its step is stable while it lasts: half a period of the closed gap has 1.6 steps at the limit."""
+    spring = np.array([[200.0, -100.0], [-100.0, 100.0]])
+    start = {"u0": [-0.101, 0.0], "v0": [-1.0, 0.0], "t_span": (0, 20)}
+    pounding = eig3.linear([1.0, 1.0], None, spring, links=[(Gap(1e4, 0.1), None, 0)], **start)
+    limit, most = pounding.critical_step().limit, np.sqrt(2 * (0.5 + 1.0201 + 0.005) / 38.0)
+    fine, coarse, unstable = (pounding.integrate(h=part * limit) for part in (0.1, 0.9, 0.985))
+    assert (fine.success, fine.notes, np.abs(fine.u).max() < most) == (True, (), True)
+    assert (coarse.success, np.abs(coarse.u).max() > 100 * most) == (True, True)
+    (note,) = coarse.notes
+    assert note.startswith("h = 0.0178094 is long for the contacts")
+    assert unstable.status is eig3.Status.DIVERGED
+
+
 def test_a_structure_with_links_moves_as_the_same_scene():
     """The work of the links, the ground and the damper balances the energy."""
 

@@ -8,10 +8,12 @@ modes contribute little.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from ..functions.events import Occurrences
 from ..methods import Method
 from ..stability import limit
 from ..stepping.stepper import Stepper
@@ -19,6 +21,7 @@ from ..stepping.stepper import Stepper
 _SUFFICIENT = 20  # steps in a period, for the step to suggest
 _FEW, _FEW_OF_HIGH_ORDER = 6, 3  # least steps in a period, for methods up to and above _LOW_ORDER
 _LOW_ORDER = 4
+_CONTACTS = 10  # fewer events may be rare
 _SHORT = 8  # a shorter run does not show its period, because any motion has a curvature
 _ROWS, _VALUES = 64, 2**14  # the largest part of the history that is analysed
 _STANDING = 1e-10  # a smaller motion relative to |u| is round-off
@@ -39,6 +42,24 @@ def coarseness(stepper: Stepper, u: np.ndarray | None) -> str:
         return _at_start(stepper)
     theta = _theta(u[-max(_SHORT + 1, min(_ROWS, _VALUES // stepper.n)) :])
     return _few(stepper.h, theta, "end", "") if theta > _most(stepper.method) else ""
+
+
+def coarse_events(h: float, events: Mapping[str, Occurrences]) -> str:
+    """Describe a step that is too long between two events of the same link; empty if it is short enough.
+
+    A spring behind a gap pushes for half a period of its vibration. A step that is stable while it stays closed may
+    add energy in each contact, because some contacts have one evaluation more than others.
+    """
+    steps = {name: np.quantile(np.diff(found.t), 0.25) / h for name, found in events.items() if len(found) >= _CONTACTS}
+    name = min(steps, key=lambda name: steps[name], default="")
+    if not name or steps[name] >= _FEW / 2:
+        return ""
+    half = _SUFFICIENT / 2
+    return (
+        f"h = {h:g} is long for the contacts: a quarter of the events of {name!r} follows the event before within "
+        f"{steps[name]:.2g} steps, and each contact may add energy. Take h = {h * steps[name] / half:.2g} for {half:g} "
+        "steps in a contact."
+    )
 
 
 def _theta(u: np.ndarray) -> float:

@@ -148,7 +148,8 @@ def critical_step(
     An implicit method takes these steps on at most the 36 fastest directions, EIG of grade 5 on 45, and of grade 13 on
     21; with more degrees of freedom, the limit is accurate to about 5e-4.
 
-    A stable step does not prevent physical growth, as from an unstable position.
+    A stable step does not prevent physical growth, as from an unstable position. Repeated contacts of a spring with a
+    gap or a kink may add energy below the limit, until a contact has some ten steps.
     """
     method, t = check_method(method), check_time(t, "t")
     if isinstance(safety, bool) or not (isinstance(safety, numbers.Real) and 0 < safety <= 1):

@@ -187,9 +187,8 @@ def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
     """
     start = stepper.restarted(stepper.h)
     sane = last_sane(before, stepper.index, start)
-    if all(stepper.index * _growth_by_step(at) < 1 for at in (start, sane, stepper)):
-        return None
-    steps, unstable = _critical_steps(start, sane)
+    grows = any(stepper.index * _growth_by_step(at) >= 1 for at in (start, sane, stepper))
+    steps, unstable = _critical_steps(start, sane) if grows else ([], "")
     limits = [step.limit for _, step in steps]
     size, growth = _size(stepper), _size(stepper) / (_size(start) or 1.0)
     why = _comparison(stepper, steps) or unstable

@@ -22,6 +22,7 @@ from ..result.memory import aligned
 from ..stepping.march import Cancel, Rows
 from ..stepping.run_options import NEVER
 from ..stepping.slices import Slices
+from ..stepping.tolerances import longest_way
 from .adaptive_observer import AdaptiveObserver
 from .lanewise import Setup
 from .single_members import Alone
@@ -90,7 +91,8 @@ class AdaptiveBlock(Alone):
         members = self.histories.members
         t, every, rows = self._tolerances, observer.every if observer else 0, observer.rows if observer else _NO_ROWS
         steps = members.params.reshape(-1)[:0], 0, t.max_steps, every, 0
-        limits = t.h_max, t.rtol, t.atol, int(t.is_relative), 1, reads_time
+        reach = longest_way(self.shared.prepared.system.rhs, t, members.params)
+        limits = t.h_max, t.rtol, t.atol, int(t.is_relative), 1, reads_time, *reach
         return Span(*members.t_span, *steps, *limits, *rows)
 
     def _block(self) -> Block:

@@ -30,6 +30,7 @@ from ..kernels.compile.numba_internals import (
     return_type,
 )
 from ..kernels.protocol import SCALAR, VECTOR, Form
+from .companions import mark
 
 __all__ = ["Callback", "check_callback", "jit", "reads_time", "reads_velocity"]
 
@@ -286,8 +287,11 @@ def reads_velocity(function: Any) -> bool:
 
 
 def reads_time(function: Any) -> bool:
-    """Return False if a right-hand side certainly does not read its first argument, t."""
-    return _reads(function, 0)
+    """Return False if a right-hand side certainly does not depend on its first argument, t.
+
+    A function with a history reads the time since the last step.
+    """
+    return mark(function, "reads_time") is not False and _reads(function, 0)
 
 
 def _reads(function: Any, place: int) -> bool:

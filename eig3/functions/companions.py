@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ..kernels.constraint_lanes import UnrolledConstraints
 
 
@@ -47,6 +49,38 @@ class Constraints(NamedTuple):
     constrained_step: Any
     place: int
     unrolled: UnrolledConstraints | None = None
+
+
+class Cutoffs(NamedTuple):
+    """The cutoffs of the forces between points in p.
+
+    Attributes
+    ----------
+    degrees : int
+        The number of coordinates of points, which are the first degrees of freedom.
+    places : tuple of (int, int, float)
+        The begin and the end of values in p, and the factor from the least of them to a distance.
+    """
+
+    degrees: int
+    places: tuple[tuple[int, int, float], ...]
+
+    def least(self, params: np.ndarray) -> float:
+        """Return the shortest cutoff, of one or more rows of parameters."""
+        return min(factor * float(params[..., begin:end].min()) for begin, end, factor in self.places)
+
+
+def cutoffs_of(rhs: Any) -> Cutoffs | None:
+    """Return the cutoffs of a right-hand side, or None. They are pickled with the Python function."""
+    return mark(rhs, "cutoffs")
+
+
+def mark(rhs: Any, name: str) -> Any:
+    """Return an attribute of the Python function that others bind to named parameters or unknowns, or None."""
+    function: Any = getattr(rhs, "py_func", None)
+    while hasattr(function, "inner"):
+        function = function.inner.py_func
+    return getattr(function, name, None)
 
 
 def constraints_of(rhs: Any) -> Constraints | None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from .companions import mark
 from .layout import bound_layout
 from .named import Parameters
 
@@ -31,28 +33,24 @@ class Records(NamedTuple):
         The names of the parameters with the records, if parameters have names.
     check : callable, optional
         ``check(params, n)`` raises an error if the parameters of n degrees of freedom do not belong together.
+    computed : mapping of str to sequence of str
+        Parameters that are computed from others, whose values `check` must see in each member.
     """
 
     tables: Callable[[np.ndarray, Any], list[Table]]
     names: tuple[str, ...] = ()
     check: Callable[[Any, int], None] | None = None
+    computed: Mapping[str, Sequence[str]] = MappingProxyType({})
 
 
 def records_of(rhs: Any) -> Records | None:
     """Return the records of a right-hand side, or None. They are pickled with the Python function."""
-    return _mark(rhs, "records")
-
-
-def _mark(rhs: Any, name: str) -> Any:
-    function: Any = getattr(rhs, "py_func", None)
-    while hasattr(function, "inner"):
-        function = function.inner.py_func
-    return getattr(function, name, None)
+    return mark(rhs, "records")
 
 
 def left_out_of(rhs: Any) -> np.ndarray | None:
     """Return the places of parameters that the code of a scene leaves out because they were 0; None without a scene."""
-    return _mark(rhs, "left_out")
+    return mark(rhs, "left_out")
 
 
 def check_size(rhs: Any, params: Any, size: int) -> None:
@@ -97,14 +95,15 @@ def longest_step(records: Records | None, params: Any, n: int) -> float:
 
 
 def check_together(rhs: Any, params: np.ndarray, own: Sequence[str], n: int) -> None:
-    """Check the parameters of the first member, or of all members if they have different whole numbers.
+    """Check the parameters of the first member, or of all members if they have different whole numbers or modes.
 
     The arguments are as for `shortest_loads`, and n is the number of degrees of freedom.
     """
     records, layout = records_of(rhs), bound_layout(rhs)
     if records and records.check and layout:
         is_whole = any(layout.kinds[layout.names.index(name)].is_whole for name in own)
-        for p in np.atleast_2d(params)[: None if is_whole else 1]:
+        computed = any(name in layout.names and {*own} & {*given} for name, given in records.computed.items())
+        for p in np.atleast_2d(params)[: None if is_whole or computed else 1]:
             records.check(layout.read(p), n)
 
 

@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnosis.coarseness import coarseness
+from ..diagnosis.coarseness import coarse_events, coarseness
 from ..diagnosis.critical import NoStableStepError, critical
 from ..diagnosis.divergence import Divergence, find_blow_up, find_divergence
 from ..diagnosis.heat import heat
+from ..diagnosis.stiffness import VERY_MANY_STEPS
 from ..functions.checks import check_count, check_resolution, check_time
+from ..functions.events import EffectEvent
 from ..functions.guard import guarded
 from ..functions.records import jump_note, jumps, shortest_loads
 from ..kernels.protocol import FAILED, SCALAR
@@ -35,6 +37,7 @@ from .history import History
 from .progress import check_progress
 
 _MOST_DEGREES = 200  # for which the stability of first-order unknowns is looked at
+_GROWN = 10.0  # a motion that grows by this factor may be unstable
 _LARGEST_GRADE = 7  # with a higher grade of EIG and a force that reads the velocity, a note advises against it
 
 
@@ -275,7 +278,7 @@ class FixedRun(Run):
         stepper = self.stepper
         notes = self._invariant_notes("take a smaller h, or a method that is stable for this system")
         if self.status is Status.COMPLETED:
-            notes += filter(None, (self._coarseness(), self._instability(), heat(stepper)))
+            notes += filter(None, (self._coarseness(), self._contacts(), self._instability(), heat(stepper)))
         load = float(shortest_loads(stepper.system.rhs, stepper.p, t_span=(stepper.t0, stepper.t))[0])
         notes += [jump_note(stepper.h, load)] * jumps(stepper.h, load)
         running = stepper.running
@@ -295,14 +298,22 @@ class FixedRun(Run):
         has_all = self.every == 1 and self.saved is not None
         return coarseness(stepper, self.saved["u"][: stepper.index + 1] if has_all and self.saved else None)
 
+    def _contacts(self) -> str:
+        """Describe a step that is too long for the contacts of links, whose events change the force alone."""
+        stepper = self.stepper
+        links = [name for name, event in stepper.system.events.items() if isinstance(event, EffectEvent)]
+        found = stepper.look.occurrences() if stepper.look and links else {}
+        return coarse_events(stepper.h, {name: found[name] for name in links if not len(found[name].jumps)})
+
     def _instability(self) -> str:
-        """Describe a step that is unstable at the start of a system with first-order unknowns.
+        """Describe a step that is unstable at the start of a system with first-order unknowns, or of one that grew.
 
         A spring force that is such an unknown acts as a force of the velocity: with EIG-3, AB2 and RK2, an undamped
-        oscillation then grows slowly with every step.
+        oscillation then grows slowly with every step, as with gyroscopic forces.
         """
         stepper = self.stepper
-        if not stepper.system.first_order.is_read or stepper.n > _MOST_DEGREES:
+        may_grow = stepper.system.first_order.is_read or self._has_grown()
+        if not may_grow or stepper.n > _MOST_DEGREES:
             return ""
         try:
             limit = critical(stepper.acceleration, stepper.t0, *stepper.start, stepper.running).limit
@@ -316,6 +327,14 @@ class FixedRun(Run):
             f"h = {stepper.h:.4g} is longer than the critical step {limit:.4g} of {stepper.running!r} at the start: "
             "take a shorter step, or RK4."
         )
+
+    def _has_grown(self) -> bool:
+        """Whether a long motion with forces that read the velocity is several times larger than at its start."""
+        stepper = self.stepper
+        if stepper.index < VERY_MANY_STEPS or not stepper.system.callback.reads_velocity:
+            return False
+        before = stepper.middle_sizes or stepper.first_sizes
+        return any(end > _GROWN * size > 0 for end, size in zip(stepper.sizes, before, strict=False))
 
     def _total(self) -> tuple[int, str]:
         return self.n_steps - self.stepper.index, "step"

@@ -37,6 +37,10 @@ _OF_HISTORY = (
     "The springs between grains are of a low order in the step, which the tolerance does not see: the error may be "
     "several times as large; give h in place of rtol."
 )
+_NO_BOUND = (
+    "rtol does not bound the errors of the springs between grains, whose order in the step is low: give h in place of "
+    "rtol, with check=True."
+)
 _NAMED = 5  # degrees of freedom that a note names
 _LONGER = 4  # a run counts as short if it takes at most this many times as long as the last run
 _LEAST_PACE = 1e-10  # seconds per step; a coarse clock may measure 0
@@ -296,6 +300,7 @@ class VariableRun(Run):
                 f"The acceleration was zero up to t = {end:.4g}, and rhs reads t: the steps were held short, but a "
                 f"load that acts for less than {step:.2g} there may have been jumped over; h_max sets the longest step."
             )
+        notes += [_NO_BOUND] * bool(stepper.system.history)
         stiff = self._stiffness()
         return [*notes, stiff] if stiff else notes
 

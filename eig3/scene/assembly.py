@@ -18,7 +18,7 @@ import numpy as np
 from .bonds import bonds_of
 from .cell import Cell
 from .constraint import Constraint
-from .effect import FORCES, RATE, Body, Effect, Link, Motion
+from .effect import FORCES, RATE, Body, Effect, Link, Motion, arguments
 from .names import words
 from .pair_force import PairForce
 from .placed import Placed, joined
@@ -295,6 +295,13 @@ class Assembly:
         moves = bool(self.supports.moved) or any(group.motions for group in self.links)
         moves |= bool(self.constraints and self.constraints.depends_on_time)
         return all(law.is_conservative for law in self.laws) and not moves and not self.cloud.shear
+
+    @property
+    def depends_on_time(self) -> bool:
+        """Whether a force or a constraint depends on the time."""
+        moves = self.motions or self.cloud.shear or (self.constraints and self.constraints.depends_on_time)
+        functions = (function for law in self.laws for function in law.effect.functions().values())
+        return bool(moves) or any("t" in arguments(function) for function in functions)
 
     @property
     def reads_velocity(self) -> bool:

@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..functions.callbacks import jit
-from ..functions.companions import Constraints, History
+from ..functions.companions import Constraints, Cutoffs, History
 from ..functions.events import EffectEvent, Event
 from ..functions.families import Family
 from ..functions.records import Records
@@ -89,6 +89,9 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         functions["rhs"].py_func.shares = Shares(functions["share"], source.team, assembly.n)
     if source.records:
         functions["rhs"].py_func.records = Records(functools.partial(tables, tuple(source.records)))
+    is_of_points = assembly.dimension > 1 and not assembly.cloud.bodies.vectors  # on a line, none passes another
+    if source.cutoffs and is_of_points:
+        functions["rhs"].py_func.cutoffs = Cutoffs(assembly.n * assembly.dimension, tuple(source.cutoffs))
     functions["rhs"].py_func.left_out = np.array(source.left_out, dtype=int)
     if assembly.constraints:
         keeping = functions["projection"], functions["constrained_step"]
@@ -96,6 +99,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         functions["rhs"].py_func.constraints = Constraints(*keeping, place, writing.unrolled(functions))
     if writing.grains:
         places = tuple(text.springs for text in writing.grains)
+        functions["rhs"].py_func.reads_time = assembly.depends_on_time  # besides the time since the last step
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"], places)
     if assembly.rates:
         for name in functions.keys() & {"rhs", "energy", "reactions"}:

@@ -48,6 +48,9 @@ class PairForceText(BlockText):
         u0 = assembly.cloud.in_order(assembly.cloud.positions).T.ravel()
         self.listing = listed(pair_force, source.size, assembly.cloud, u0, pairs)
         source.add(self.listing.values)
+        cutoff = self.listing.own.get(pair_force.effect.cutoff_field)
+        if cutoff is not None:  # the shares of two points
+            source.cutoffs.append((cutoff, cutoff + self.listing.points, 2.0))
         self._pair_force = pair_force
         walls = assembly.supports.of_list(self.listing.fixed)
         self._walls, self._walls_at = walls.size, source.add(neighbours.as_floats(self._n + walls))

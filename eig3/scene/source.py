@@ -142,6 +142,8 @@ class Source(Writer):
         The `Other.place` of the times and the values of each motion with a record.
     left_out : list of int
         The places in p of the components that are 0 in all members.
+    cutoffs : list of (int, int, float)
+        See `Cutoffs`.
     is_of_part : bool
         Whether the current lines are for the masses of a part, from low to end.
     """
@@ -151,6 +153,7 @@ class Source(Writer):
         self._parts: list[np.ndarray] = []
         self.size = 0
         self.left_out: list[int] = []
+        self.cutoffs: list[tuple[int, int, float]] = []
         self._wanted: list[str] = []  # names, by the numbers that replace them until the source is written
         self.functions: dict[str, Any] = {}
         self._first_state, self._first_rate, cloud = assembly.coordinates, assembly.degrees, assembly.cloud
@@ -197,6 +200,9 @@ class Source(Writer):
             for name, values in law.columns.items()
             if name not in (EVENT, STATE)
         }
+        if effect.cutoff_field in columns:
+            cutoff = columns[effect.cutoff_field]
+            self.cutoffs.append((cutoff.offset, cutoff.offset + cutoff.members, 1.0))
         if STATE in law.columns:
             has_rate = RATE in functions
             begin, number = self._numbers(law.columns[STATE])

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, check_method, reals, shown
+from ..functions.companions import cutoffs_of
 from ..methods import METHODS, RK5, RK8, RKN12, Method
 
 LEAST_RTOL = 100 * float(np.finfo(np.float64).eps)  # below it, round-off controls the steps
+_OF_CUTOFF = 1 / 8  # the longest way of a point in a step: two points approach by a quarter of their cutoff
 _RK8_FROM = 1e-4  # RK8 takes less time than RK5 if rtol is smaller than this
 _RK5, _RK8, _RKN12 = RK5(), RK8(), RKN12()
 _RKN12_FROM = 1e-6  # up to this error, RKN12 takes less time than RK8; for the same rtol it may take more
@@ -34,6 +36,8 @@ class Tolerances(NamedTuple):
         The longest step.
     max_steps : int
         The largest number of steps.
+    is_bounded : bool
+        Whether the user has given `h_max`: then points may move further in a step than `longest_way`.
     """
 
     rtol: float
@@ -42,6 +46,7 @@ class Tolerances(NamedTuple):
     h_first: float
     h_max: float
     max_steps: int
+    is_bounded: bool = False
 
     def of(self, n: int, n_first_order: int = 0, *, are_read: bool = False) -> Tolerances:
         """Return the tolerances of a run with n degrees of freedom and some first-order unknowns after them.
@@ -76,7 +81,19 @@ def check_tolerances(
         0.0 if first_step is None else _positive(first_step, "first_step"),
         math.inf if h_max is None else _positive(h_max, "h_max"),
         2**62 if max_steps is None else check_count(max_steps, "max_steps"),
+        h_max is not None,
     )
+
+
+def longest_way(rhs: Any, tolerances: Tolerances, params: np.ndarray) -> tuple[int, float]:
+    """Return the number of coordinates of points, and the longest way along one of them in a step.
+
+    Two points that act on each other within a cutoff would otherwise pass through each other in one step, while nothing
+    bends their paths. Without such points, or with `h_max`, these are 0 and infinity.
+    """
+    cutoffs = None if tolerances.is_bounded else cutoffs_of(rhs)
+    least = cutoffs.least(params) if cutoffs else math.inf
+    return (cutoffs.degrees, _OF_CUTOFF * least) if cutoffs and 0 < least < math.inf else (0, math.inf)
 
 
 def _absolute(atol: np.ndarray, n: int) -> np.ndarray:

@@ -125,8 +125,8 @@ class Modal:
 
     Other codes: OpenSees ``modalDamping``.
 
-    Not included: modes that change in the run, or with other masses in `with_`, an ensemble or a fit: make another
-    problem of `eig3.linear`.
+    Not included: modes that change in the run. Another K or mass in `with_`, an ensemble or a fit is refused: make
+    another problem of `eig3.linear`.
     """
 
     xi: ArrayLike

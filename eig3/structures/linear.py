@@ -16,7 +16,7 @@ from ..keywords import with_suggestions
 from .damping import Modal, Rayleigh
 from .factors import copies_in, factors
 from .links import check_links, events_of, states_of
-from .loads import check_ground, check_table
+from .loads import check_ground, check_table, checksum, sources
 from .matrices import Mass, check_mass, check_matrix, check_symmetric, edge_of_blocks, is_gyroscopic
 from .modal import exact_motion, unknown
 from .source import INTEGRALS, LOADED, Parts, energy, of_events, right_hand_side
@@ -127,6 +127,8 @@ def linear(
         values |= {} if is_function else check_table(force, n)
         has.add("force" if is_function else "table")
     has |= {"links"} if kinds else set()
+    if sources(values):
+        values["checksum"] = checksum(Parameters(values)._asdict())
     own = {} if params is None else Parameters(params)._asdict()
     taken = sorted({*own} & {*values})
     if taken:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import zlib
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -53,13 +55,26 @@ def check_table(force: Any, n: int) -> dict[str, Any]:
     return {"force_times": times, "forces": values, "degrees": degrees.astype(np.int64), "force_scale": 1.0}
 
 
+def sources(has: Mapping[str, Any]) -> list[str]:
+    """Return the parameters from which others are computed: the factors of a mass, and modes for a damping."""
+    names = ({"M"} if "inverse" in has else set()) | ({"K", "m", "M"} if "modes" in has else set())
+    return sorted(names & {*has})
+
+
+def checksum(has: Mapping[str, Any]) -> float:
+    """Return a checksum of the sources."""
+    arrays = [x for name in sources(has) for x in (has[name][:3] if name in "KM" else (has[name],))]
+    return float(zlib.crc32(b"".join(np.asarray(x, dtype=float).tobytes() for x in arrays)))
+
+
 def check_together(params: Any, n: int) -> None:
     """Check that the parameters of a structure, which a user has changed, belong together.
 
     Raises
     ------
     TypeError, ValueError
-        If a record has not one value for each of its times, or another array has another size than the structure needs.
+        If a record has not one value for each of its times, another array has another size than the structure needs, or
+        a parameter from which others are computed has changed.
     """
     has = params._asdict()
     if has["size"] != n:
@@ -73,6 +88,11 @@ def check_together(params: Any, n: int) -> None:
     for name in {"K", "C"} & {*has}:
         if tuple(has[name].shape) != (n, n):
             raise ValueError(f"params[{name!r}] must have the shape ({n}, {n}), not {tuple(has[name].shape)}.")
+    if "checksum" in has and has["checksum"] != checksum(has):
+        raise ValueError(
+            f"params must keep {' and '.join(sources(has))}, because factors of M or modes of the damping are computed "
+            "from them: make another problem with eig3.linear."
+        )
     given = sum(len(values) for name, values in has.items() if re.fullmatch(r"link_\d+_first", name))
     if given != has.get("links", given):
         raise ValueError(
@@ -99,7 +119,9 @@ def tables(rows: np.ndarray, layout: Any) -> list[Table]:
 
 
 #: What the right-hand side of a structure knows of its parameters.
-RECORDS = Records(tables, tuple(name for names in _RECORDS for name in names), check_together)
+RECORDS = Records(
+    tables, tuple(name for names in _RECORDS for name in names), check_together, {"checksum": ("K", "m", "M")}
+)
 
 
 def _record(given: Any, name: str, wanted: str) -> tuple:
