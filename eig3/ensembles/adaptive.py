@@ -91,7 +91,7 @@ class AdaptiveBlock(Alone):
         members = self.histories.members
         t, every, rows = self._tolerances, observer.every if observer else 0, observer.rows if observer else _NO_ROWS
         steps = members.params.reshape(-1)[:0], 0, t.max_steps, every, 0
-        reach = longest_way(self.shared.prepared.system.rhs, t, members.params)
+        reach = longest_way(self.shared.prepared.system.cutoffs, t, members.params)
         limits = t.h_max, t.rtol, t.atol, int(t.is_relative), 1, reads_time, *reach
         return Span(*members.t_span, *steps, *limits, *rows)
 

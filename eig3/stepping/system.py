@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..functions.callbacks import Callback, check_callback
-from ..functions.companions import constraints_of, history_of
+from ..functions.companions import constraints_of, cutoffs_of, history_of
 from ..functions.events import Event
 from ..functions.layout import bound_layout
 from ..kernels.compile.jit import compiled
@@ -65,6 +65,8 @@ class System:
         The names of the parameters, if they have any.
     callback : Callback
         The compiled right-hand side.
+    cutoffs : Cutoffs or None
+        The cutoffs of forces between points.
     shares : Shares or None
         The work that the threads of a run share.
     event_callbacks : list of (Callback, Callback or None)
@@ -112,6 +114,7 @@ class System:
         self.inline = options.inline and history is None and constraints is None
         self._checked: list[tuple[tuple, Callback]] = []
         self.callback = self._check(rhs, "rhs", form)
+        self.cutoffs = cutoffs_of(rhs)
         self.shares: Shares | None = getattr(getattr(rhs, "py_func", rhs), "shares", None)
         if self.method.jacobian is not None:
             self._check(self.method.jacobian, "jacobian", form)

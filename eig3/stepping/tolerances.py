@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, check_method, reals, shown
-from ..functions.companions import cutoffs_of
+from ..functions.companions import Cutoffs
 from ..methods import METHODS, RK5, RK8, RKN12, Method
 
 LEAST_RTOL = 100 * float(np.finfo(np.float64).eps)  # below it, round-off controls the steps
 _OF_CUTOFF = 1 / 8  # the longest way of a point in a step: two points approach by a quarter of their cutoff
+NO_POINTS = 0, math.inf  # what `longest_way` returns without points that have a cutoff
 _RK8_FROM = 1e-4  # RK8 takes less time than RK5 if rtol is smaller than this
 _RK5, _RK8, _RKN12 = RK5(), RK8(), RKN12()
 _RKN12_FROM = 1e-6  # up to this error, RKN12 takes less time than RK8; for the same rtol it may take more
@@ -85,15 +86,14 @@ def check_tolerances(
     )
 
 
-def longest_way(rhs: Any, tolerances: Tolerances, params: np.ndarray) -> tuple[int, float]:
+def longest_way(cutoffs: Cutoffs | None, tolerances: Tolerances, params: np.ndarray) -> tuple[int, float]:
     """Return the number of coordinates of points, and the longest way along one of them in a step.
 
     Two points that act on each other within a cutoff would otherwise pass through each other in one step, while nothing
     bends their paths. Without such points, or with `h_max`, these are 0 and infinity.
     """
-    cutoffs = None if tolerances.is_bounded else cutoffs_of(rhs)
-    least = cutoffs.least(params) if cutoffs else math.inf
-    return (cutoffs.degrees, _OF_CUTOFF * least) if cutoffs and 0 < least < math.inf else (0, math.inf)
+    least = math.inf if cutoffs is None or tolerances.is_bounded else cutoffs.least(params)
+    return (cutoffs.degrees, _OF_CUTOFF * least) if cutoffs and 0 < least < math.inf else NO_POINTS
 
 
 def _absolute(atol: np.ndarray, n: int) -> np.ndarray:

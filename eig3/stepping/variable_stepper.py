@@ -33,7 +33,7 @@ from ..result.extension import states_between
 from ..result.memory import aligned
 from .march import March, Rows
 from .system import Kernel, System
-from .tolerances import Tolerances, longest_way
+from .tolerances import NO_POINTS, Tolerances, longest_way
 
 _STANDING = 1e-12  # a smaller motion, relative to the largest motion, is round-off
 
@@ -75,7 +75,8 @@ class VariableStepper(March):
         tolerances: Tolerances,
         times: np.ndarray | None = None,
     ) -> None:
-        self.tolerances, self._way = tolerances, longest_way(system.rhs, tolerances, params)
+        self.tolerances = tolerances
+        self._way = longest_way(system.cutoffs, tolerances, params) if system.cutoffs else NO_POINTS
         t0, self.t_end = t_span
         a = self._begin(system, t0, u, v, params, times)
         self.state[U], self.state[V], self.state[A] = u, v, a
