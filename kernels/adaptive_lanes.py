@@ -195,10 +195,9 @@ def adaptive(rhs, alone, project, count, span, block, trajectories, seen):
         if span.reads_time == 1:
             for lane in range(LANES):  # the force may not act yet
                 bad[lane] = BAD if (ok[lane] > 0) & (square[lane] == 0) else bad[lane]
-        if span.points > 0:
-            leaps(span.points, of, y)
+        for d in range(span.points):
             for lane in range(LANES):  # a single run shortens such steps
-                is_far = of.most[lane] > FAR * span.reach
+                is_far = abs(y[U_END][d * LANES + lane] - y[U][d * LANES + lane]) > FAR * span.reach
                 bad[lane] = BAD if (ok[lane] > 0) & is_far else bad[lane]
         if project != 0:
             PROJECT_AT(project)(span.t0, y[U_END], y[V_END], block.p)
@@ -298,17 +297,6 @@ def rest(span, of, a, a_end):
                 of.u_least[lane], of.v_least[lane], of.v_blur[lane] = least_sizes(
                     u_size[lane], v_size[lane], a_size, of.time[lane] + of.step[lane], length, span.rtol
                 )
-
-
-def leaps(points, of, y):
-    """Set `most` to what `variable.leap` returns for each lane."""
-    most = of.most
-    for lane in range(LANES):
-        most[lane] = 0.0
-    for d in range(points):
-        for lane in range(LANES):
-            j = d * LANES + lane
-            most[lane] = max(most[lane], abs(y[U_END][j] - y[U][j]))
 
 
 def widen_sizes(atol, of, y):
@@ -423,7 +411,7 @@ def adaptive_kernel(module: str, form: Form, n: int, lanes: int, observes: bool)
     }
     if observes:
         names |= observing(form, {**names, "ROWS": pair.rows})
-    names |= {function.__name__: element(bound(function, names)) for function in (is_full, leaps, rest, widen_sizes)}
+    names |= {function.__name__: element(bound(function, names)) for function in (is_full, rest, widen_sizes)}
     names |= {"END": element(bound(end, names)), "BEGIN_LANE": element(bound(begin_lane, names))}
     integers, vector, matrix = Array(int64, 1, "C"), vector_type, matrix_type
     arguments = (

@@ -118,8 +118,11 @@ def variable(callbacks, state, observation, counters, span, look):
                 copy_rows(kept, y, N)
             u_least, v_least, v_blur = SIZES_AT_REST(of_span, counters, t + step, state)
         square = SQUARE(step, n, y, span.rtol, span.atol, u_least, v_least)
-        if span.points > 0:  # a way counts as an error that is proportional to h^ORDER
-            square = max(square, (leap(span.points, y) / span.reach) ** (2 * ORDER))
+        if span.points > 0:  # the way of a point counts as an error that is proportional to h^ORDER
+            way = 0.0
+            for j in range(span.points):
+                way = max(way, abs(y[U_END][j] - y[U][j]))
+            square = max(square, (way / span.reach) ** (2 * ORDER))
         if not square <= 1.0:
             counters[REJECTED] += 1
             h = step * shrinkage(square, ORDER)
@@ -179,15 +182,6 @@ def variable(callbacks, state, observation, counters, span, look):
     if N > 0:
         copy_rows(kept, y, N)
     return taken, row, ended
-
-
-@element
-def leap(points, y):
-    """Return by how much a coordinate of a point changes in a step."""
-    most = 0.0
-    for j in range(points):
-        most = max(most, abs(y[U_END][j] - y[U][j]))
-    return most
 
 
 @element
