@@ -11,6 +11,7 @@ import numpy as np
 
 from ..functions.checks import reals, shown
 from ..functions.records import Records, Table
+from ..functions.sparse import Sparse
 from .matrices import check_masses
 
 _RECORDS = ("ground_times", "ground"), ("force_times", "forces")
@@ -62,8 +63,9 @@ def sources(has: Mapping[str, Any]) -> list[str]:
 
 
 def checksum(has: Mapping[str, Any]) -> float:
-    """Return a checksum of the sources."""
-    arrays = [x for name in sources(has) for x in (has[name][:3] if name in "KM" else (has[name],))]
+    """Return a checksum of the sources. Of a sparse matrix, it takes the arrays."""
+    values = [has[name] for name in sources(has)]
+    arrays = [x for each in values for x in (each[:3] if isinstance(each, Sparse) else (each,))]
     return float(zlib.crc32(b"".join(np.asarray(x, dtype=float).tobytes() for x in arrays)))
 
 
