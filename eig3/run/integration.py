@@ -91,7 +91,7 @@ def integrate(
     outputs : dict of str to jitted function, or to (jitted function, k)
         Functions ``f(t, u, v, p) -> float``, or ``f(t, u, v, p, out)`` for k values; a tuple of their names may be k.
     h_max, first_step, max_steps : float, float, int
-        With rtol: the longest step (by default, none jumps over a load or a contact), the first, and the most steps.
+        With rtol: the longest step (by default, none jumps over a load or a pair force), the first, and the most steps.
     inline : bool
         Compile the loop with rhs inside: faster for long runs, for about a second of compilation.
     check, progress, raise_on_failure, cancel : bool, bool, bool, threading.Event
