@@ -1,5 +1,6 @@
 """`accuracy=`: the error that a run is asked for, against the true error, and what is said when it is not reached."""
 
+import time
 from itertools import count
 from threading import Event
 
@@ -181,10 +182,33 @@ def test_the_best_run_of_a_chaotic_motion_is_right_for_the_longest_time():
     assert solution.reliable_until > problem.integrate(rtol=1e-8, check=True, save_every=10).reliable_until
 
 
-def ticking(monkeypatch):
+def test_a_chaotic_motion_is_known_by_short_runs(monkeypatch):
+    """All errors are as large as the motion: a step that is shorter by their ratio to the accuracy leads nowhere."""
+    seen = runs_of(monkeypatch)
+    problem = problems.double_pendulum(theta1=2.0, theta2=2.5, t_end=150.0)
+    solution = problem.integrate(accuracy=1e-9, method="rk4")
+    assert "as in a chaotic motion" in solution.message
+    assert 150 / min(seen) < 1e6
+
+
+def test_steps_that_are_too_long_are_no_chaos():
+    """Kepler's ellipse is regular. With EIG3, a fourth of the first step leaves fewer digits right than this step."""
+    assert problems.kepler().integrate(accuracy=1e-2, method="eig3", save_every=1000).success
+
+
+def test_memory_is_the_reason(monkeypatch):
+    """The runs so far were lost, or the process was killed."""
+    monkeypatch.setattr("eig3.result.memory.available_memory", lambda: 1e8)
+    solution = problems.kepler().integrate(accuracy=1e-6, method="eig3")
+    assert solution.status is Status.ACCURACY_NOT_REACHED
+    assert "with h = 0.000123 the error of the run needs 1.64e+08 bytes and 1e+08 are free" in solution.message
+
+
+def ticking(monkeypatch, *owners):
     """Let each look at the clock take a second."""
     clock = count()
-    monkeypatch.setattr(module, "perf_counter", lambda: float(next(clock)))
+    for owner in owners or (module, time):  # the search, and the kernels
+        monkeypatch.setattr(owner, "perf_counter", lambda: float(next(clock)))
 
 
 def test_time_is_the_reason(monkeypatch):
@@ -193,6 +217,12 @@ def test_time_is_the_reason(monkeypatch):
     solution = run(accuracy=1e-9, method="eig3", max_seconds=100)
     assert len(seen) == 1
     assert "because the next run would exceed max_seconds = 100" in solution.message
+
+
+def test_a_short_run_does_not_tell_the_time_of_a_long_one(monkeypatch):
+    """Only the time of the kernel, here 30 us, grows with the number of steps."""
+    ticking(monkeypatch, module)
+    assert run(accuracy=1e-7, method="eig3", max_seconds=100, save_every=100).success
 
 
 def test_the_first_run_ends_in_time(monkeypatch):

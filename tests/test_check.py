@@ -225,6 +225,21 @@ def test_near_the_limit_of_stability_the_order_is_not_known():
     assert "near the limit of stability" in " ".join(solution.error.notes)
 
 
+def test_growth_of_a_coarser_run_is_not_explained(monkeypatch):
+    """The search for its reason took a hundred times as long as the runs of a scene with many grains."""
+    monkeypatch.setattr("eig3.run.fixed_run.find_blow_up", pytest.fail)
+    run = eig3.integrate(spring, (0, 121.2), 1.0, 0.0, params=1.0, h=1.01, method="cd", check=True)
+    assert "does not follow the motion: the step is near the limit of stability" in str(run)
+
+
+def test_memory_for_the_error_is_looked_for_before_the_compared_runs(monkeypatch):
+    """Linux killed the process."""
+    monkeypatch.setattr("eig3.result.memory.available_memory", lambda: 4e6)
+    with pytest.raises(MemoryError, match=r"the error of the run needs 9.6e.06 bytes and 4e.06 are free") as caught:
+        eig3.integrate(spring, (0, 100), 1.0, 0.0, params=1.0, h=0.001, check=True)
+    assert caught.value.solution.success
+
+
 def test_chaos_is_right_up_to_a_time():
     """The same motion by RK8 with a small tolerance leaves the run by half of its size near the reported time."""
     problem = problems.double_pendulum(theta1=2.0, theta2=2.5, t_end=40.0)

@@ -15,6 +15,7 @@ import numpy as np
 from ..methods import Method
 
 _CACHE_LINE = 64  # size of a cache line, bytes
+_OF_ERROR = 4  # histories of a run that its error needs: compared runs, errors of u and v, and temporary arrays
 _VALUE = 56  # bytes for a value of a member: two arrays, and a Python number in the list for the table
 _PROC, _CGROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 # The files of a control group with its limit and its usage, and the statistics entry of reclaimable memory.
@@ -40,6 +41,16 @@ def check_history(n_steps: int, every: int, n: int, n_outputs: int = 0) -> None:
     raise MemoryError(
         f"the history needs {needed:.3g} bytes and {free:.3g} are free; {_remedy(n_steps, free / row)} would fit."
     )
+
+
+def check_error(history: int) -> None:
+    """Raise a MemoryError if the error of a run does not fit, whose history has this number of bytes."""
+    needed = _OF_ERROR * history
+    if needed > NOT_WORTH_A_LOOK and needed > (free := available_memory()):
+        raise MemoryError(
+            f"the error of the run needs {needed:.3g} bytes and {free:.3g} are free; save fewer states by save_every "
+            "or t_eval."
+        )
 
 
 def record_places(length: float, spacing: float, each: int) -> np.ndarray:

@@ -171,8 +171,10 @@ class Solution:
         ------
         ValueError
             If the run cannot be repeated or was not successful, or the method adds random numbers.
+        MemoryError
+            If the error, which needs the memory of four histories, does not fit.
         KeyboardInterrupt
-            After Ctrl-C. Its attribute `solution` is this solution. Exceptions from rhs have the same attribute.
+            After Ctrl-C. Its attribute `solution` is this solution. Other exceptions have the same attribute.
 
         Notes
         -----

@@ -35,7 +35,9 @@ MOST_RUNS = 12
 LEAST_GAIN = 0.7  # a refined run whose error is a larger fraction of the best error does not converge,
 MOST_STALLED = 2  # and after this number of such runs the search ends
 LARGEST_CHANGE = 1e-4  # least factor from one step, or tolerance, to the next
-_SHORTEN = 0.25  # factor to a step that was unstable
+_WITH_ERROR = 3.0  # times of the kernel for a run with a fixed step and its error, at most
+_SHORTEN = 0.25  # factor to a step that was unstable, or after which no digit was right at the end
+_RESOLVED = 100  # with fewer steps before the time from which no digit is right, the step is too long to show chaos
 _INTERRUPTED = "The run reached the end of its span, but was interrupted before its error was known."
 WITH_TOLERANCES = RK5, RK8, RKN12  # other methods take a fixed step
 
@@ -225,9 +227,15 @@ def reach(
         prepared = prepare(**{**options, knob: value})
         check_accuracy_names(goal, prepared.options)
         check_repeatable(prepared.method)
-        solution = prepared(*start, **first)
-        if solution.success and _error(goal, solution, cancel, coarser) is None:
-            solution.status, solution.message = Status.INTERRUPTED, _INTERRUPTED
+        try:
+            solution = prepared(*start, **first)
+            if solution.success and _error(goal, solution, cancel, coarser) is None:
+                solution.status, solution.message = Status.INTERRUPTED, _INTERRUPTED
+        except MemoryError as error:
+            if not search.runs:
+                raise
+            search.reason = f"with {knob} = {value:.3g} {str(error)[:-1]}"
+            break
         following = search.after(solution, value)
         if following is None:
             break
@@ -298,8 +306,9 @@ class _Search:
         self.goal, self.knob, self._deadline = goal, knob, deadline
         self.coarser = RATIO if knob == "rtol" else None  # a tolerance and the error of a run are about in proportion
         self.runs: list[tuple[float, Solution]] = []  # each error as a multiple of the wanted error, and the run
-        self.reached, self._reason = False, f"{MOST_RUNS} runs were not enough"
+        self.reached, self.reason = False, f"{MOST_RUNS} runs were not enough"
         self._count, self._stalled, self._before = 0, 0, 0.0
+        self._right: tuple[float, float] | None = None  # the step of the run before, and how long its digits are right
 
     def first(self, span: Any) -> float:
         """Return the step, or the tolerance, of the first run."""
@@ -313,28 +322,50 @@ class _Search:
         now, self._count = self._deadline.spent, self._count + 1
         seconds, self._before = now - self._before, now
         if not solution.success:
-            self._reason = self._deadline.reason(0.0) or f"the next run had the status {solution.status.value}"
+            self.reason = self._deadline.reason(0.0) or f"the next run had the status {solution.status.value}"
             is_unstable = self.knob == "h" and solution.status is Status.DIVERGED
             return value * _SHORTEN if is_unstable and self._may_run(seconds / _SHORTEN) else None
         miss = max(self.goal.misses(solution).values())
         self.reached = miss <= 1
-        if self.runs and miss > LEAST_GAIN * min(before for before, _ in self.runs):
-            self._stalled += 1
+        self._stalled = self._stalls_with(miss, solution, value)
         self.runs.append((miss, solution))
         least = LEAST if self.knob == "rtol" else 0.0
         if self.reached:
             return None
         if self._stalled >= MOST_STALLED or value <= least:
-            self._reason = ""
+            self.reason = ""
             return None
         order = 1.0 if self.knob == "rtol" else max(1.0, solution.order or solution.method.order)
-        factor = min(0.5, max(LARGEST_CHANGE, (AIM / miss) ** (1 / order)))
-        return max(least, value * factor) if self._may_run(seconds / (factor if self.knob == "h" else 1.0)) else None
+        factor = min(0.5, max(_SHORTEN if self._is_lost(solution) else LARGEST_CHANGE, (AIM / miss) ** (1 / order)))
+        if self.knob == "h":  # the time outside the kernel does not grow with the steps
+            seconds = min(seconds, _WITH_ERROR * solution.kernel_seconds) / factor
+        return max(least, value * factor) if self._may_run(seconds) else None
+
+    def _stalls_with(self, miss: float, solution: Solution, value: float) -> int:
+        """Return the number of runs up to this run that show that shorter steps hardly help.
+
+        If no digit is right at the end, all errors are as large as the motion, and the times up to which digits are
+        right are compared. In a regular motion, an error grows at most with the square of time, and these times at
+        least like h^(-order / 2). In chaos they grow like the logarithm of 1 / h.
+        """
+        if not self._is_lost(solution):
+            return self._stalled + any(miss > LEAST_GAIN * each for each, _ in self.runs)
+        assert solution.reliable_until is not None
+        before, right = self._right, float(solution.reliable_until - solution.t[0])
+        self._right = (value, right) if right >= _RESOLVED * value else None
+        if not before or not self._right or right <= before[1]:
+            return self._stalled
+        power = math.log(right / before[1]) / math.log(before[0] / value)
+        return self._stalled + 1 if power < solution.method.order / 4 else 0
+
+    def _is_lost(self, solution: Solution) -> bool:
+        """Whether a fixed step leaves no digit at the end."""
+        return self.knob == "h" and solution.reliable_until is not None
 
     def _may_run(self, seconds: float) -> bool:
         """Whether there may be a further run of this time."""
         late = self._deadline.reason(seconds)
-        self._reason = late or self._reason
+        self.reason = late or self.reason
         return not late and self._count < MOST_RUNS
 
     def best(self) -> Solution:
@@ -345,7 +376,7 @@ class _Search:
         _, solution = min(self.runs, key=lambda run: (-_right_until(run[1]), run[0]))
         misses = self.goal.misses(solution)
         name = max(misses, key=lambda each: misses[each])
-        wanted, reason = self.goal.wanted[name], self._reason or why(solution.error)
+        wanted, reason = self.goal.wanted[name], self.reason or why(solution.error)
         solution.status = Status.ACCURACY_NOT_REACHED
         solution.message = (
             f"The accuracy {wanted:g} of {name} is not reached, because {reason}: the estimated error is "

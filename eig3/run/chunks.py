@@ -21,6 +21,7 @@ from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import EVALUATIONS, ITERATIONS, NEXT, RESTING, TERMINAL, VECTOR
 from ..methods import Method
 from ..result.error_estimate import ErrorEstimate, losses
+from ..result.memory import check_error
 from ..result.solution import Solution, Status
 from ..result.storage import Place
 from ..stepping.march import Cancel, Rows
@@ -406,10 +407,11 @@ class Run:
 
         Raises
         ------
-        ValueError
-            If the method adds random numbers.
+        ValueError, MemoryError
+            If the method adds random numbers, or the error does not fit in memory.
         """
         check_repeatable(self.stepper.method)
+        check_error(sum(x.nbytes for x in (solution.t, solution.u, solution.v, *solution.outputs.values())))
         try:
             error = self.error_of(solution, cancel) if coarser is None else self.error_by(coarser, solution, cancel)
         except _InterruptedComparisonError:

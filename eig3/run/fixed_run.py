@@ -151,7 +151,9 @@ class FixedRun(Run):
         times = None if self.times is None else self.times[self.times <= t_end]
         start = *stepper.start, guarded(stepper.p), times
         other = Stepper.of(stepper.system, stepper.t0, h, *start)
-        found = compared(FixedRun(other, n_steps, t_end, every, times).begin, cancel)
+        run = FixedRun(other, n_steps, t_end, every, times)
+        run.growth.may_be_motion = self.is_suspect
+        found = compared(run.begin, cancel)
         companion = Companion.at_same_steps(solution, found, 4 / steps)
         return companion if len(companion.rows) > 1 else None
 
@@ -234,8 +236,9 @@ class FixedRun(Run):
     def judge_growth(self) -> None:
         """Change the status to DIVERGED if the motion stayed finite, but grew because of its step."""
         suspect = self.growth.suspect
-        blow_up = suspect and find_blow_up(self.stepper, suspect)
-        if blow_up:
+        if not self.growth.may_be_motion:
+            self._end(Status.DIVERGED, "The motion grew, unlike with the other steps.")
+        elif blow_up := suspect and find_blow_up(self.stepper, suspect):
             self._end(Status.DIVERGED, blow_up.message, blow_up.explain)
 
     def _complete(self) -> None:

@@ -31,6 +31,12 @@ class Growth:
 
     See `natural_sizes`. If a motion starts at rest without acceleration, its natural size is its size in the
     middle of the span.
+
+    Attributes
+    ----------
+    may_be_motion : bool
+        Whether the motion itself may grow. If it does not with other steps, growth needs no search for its reason,
+        which may take far longer than the run.
     """
 
     def __init__(self, stepper: Stepper, n_steps: int) -> None:
@@ -39,7 +45,7 @@ class Growth:
         if stepper.middle_sizes:
             self._natural = stepper.middle_sizes
         self._strange: Stepper | None = None
-        self._size, self._is_overflowing = 0.0, False
+        self._size, self._is_overflowing, self.may_be_motion = 0.0, False, True
 
     def _set_span(self, n_steps: int) -> None:
         self._half = n_steps // 2
