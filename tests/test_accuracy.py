@@ -201,7 +201,7 @@ def test_memory_is_the_reason(monkeypatch):
     monkeypatch.setattr("eig3.result.memory.available_memory", lambda: 1e8)
     solution = problems.kepler().integrate(accuracy=1e-6, method="eig3")
     assert solution.status is Status.ACCURACY_NOT_REACHED
-    assert "with h = 0.000123 the error of the run needs 1.64e+08 bytes and 1e+08 are free" in solution.message
+    assert "with h = 0.000123 the estimated error needs 1.64e+08 bytes and 1e+08 are free" in solution.message
 
 
 def ticking(monkeypatch, *owners):

@@ -235,9 +235,12 @@ def test_growth_of_a_coarser_run_is_not_explained(monkeypatch):
 def test_memory_for_the_error_is_looked_for_before_the_compared_runs(monkeypatch):
     """Linux killed the process."""
     monkeypatch.setattr("eig3.result.memory.available_memory", lambda: 4e6)
-    with pytest.raises(MemoryError, match=r"the error of the run needs 9.6e.06 bytes and 4e.06 are free") as caught:
+    with pytest.raises(MemoryError, match=r"the estimated error needs 9.6e.06 bytes and 4e.06 are free") as caught:
         eig3.integrate(spring, (0, 100), 1.0, 0.0, params=1.0, h=0.001, check=True)
     assert caught.value.solution.success
+    with pytest.raises(MemoryError, match=r"the estimated error needs 6.41e.06 bytes and 4e.06 are free") as caught:
+        eig3.ensemble(spring, (0, 100), np.ones(100), 0.0, params=1.0, h=0.1, save_every=1, check=True)
+    assert caught.value.solution.success.all()
 
 
 def test_chaos_is_right_up_to_a_time():

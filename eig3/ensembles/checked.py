@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..functions.guard import guarded
+from ..result.memory import check_error
 from ..run.chunks import check_repeatable
 from ..run.variable_run import companion_ratios, companion_tolerances
 from ..stepping.march import Cancel
@@ -28,6 +29,7 @@ def errors_of_members(
     is_goal: bool,
 ) -> MemberErrors:
     """Run the ensemble with finer and with coarser steps; for a goal, a finer ensemble with tolerances is enough."""
+    check_error(sum(x.nbytes for x in (solution.u, solution.v, *solution.outputs.values())))
     others: list[tuple[Members, RunOptions, float]]
     if options.tolerances:
         ratios = companion_ratios(options.tolerances)[: 1 if is_goal else None]
