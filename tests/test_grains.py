@@ -492,6 +492,19 @@ def test_a_hopper_empties_at_a_constant_rate():
     assert counts[0.5][2:].sum() < 0.8 * counts[1e-12][2:].sum()
 
 
+@pytest.mark.parametrize("far", [3.3, 10.0])
+def test_no_step_jumps_over_an_impact(far):
+    """The balls meet at 0.05 m from the middle. They had passed through each other before a step ended."""
+    scene = Scene(dimension=2)
+    balls = scene.mass([1.0, 1.0], [(-far, 0), (far, 0)], [(1.0, 0), (-1.0, 0)])
+    scene.add(effects.MassImpact(contact_distance=0.1, restitution=0.5), *balls)
+    problem = scene.problem((0, 2 * far))
+    members = problem.ensemble(rtol=1e-9, v0=np.tile(problem.v0, (2, 1)))
+    for run in (problem.integrate(rtol=1e-6), members[1]):
+        np.testing.assert_allclose(run.events["mass impact 0"].t, [far - 0.05], rtol=1e-12)
+        np.testing.assert_allclose(balls.velocities(run.v)[-1], [(-0.5, 0), (0.5, 0)], atol=1e-12)
+
+
 def test_no_step_jumps_over_a_contact():
     """Nothing bends the paths of two spheres before they meet: the error would allow a step beyond the contact. In an
     elastic impact of equal masses, the first stops and the second goes on. An error of 1e-9 m is 3e-5 of the largest

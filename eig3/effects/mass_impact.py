@@ -51,6 +51,7 @@ class MassImpact(Link):
 
     nonnegative = ("contact_distance", "restitution")
     crossing = -1
+    cutoff_field = "contact_distance"
     at_start = "contact_distance must be below the distance at the start"
     source = "Newton's law of restitution"
     picture = "discs"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,7 +53,7 @@ class Constraints(NamedTuple):
 
 
 class Cutoffs(NamedTuple):
-    """The cutoffs of the forces between points in p.
+    """The cutoffs of the forces, and the distances of the impacts, between points in p.
 
     Attributes
     ----------
@@ -66,8 +67,9 @@ class Cutoffs(NamedTuple):
     places: tuple[tuple[int, int, float], ...]
 
     def least(self, params: np.ndarray) -> float:
-        """Return the shortest cutoff, of one or more rows of parameters."""
-        return min(factor * float(params[..., begin:end].min()) for begin, end, factor in self.places)
+        """Return the shortest cutoff, of one or more rows of parameters; at 0, points never touch."""
+        each = ((factor, params[..., begin:end]) for begin, end, factor in self.places)
+        return min(factor * float(values.min(where=values > 0, initial=math.inf)) for factor, values in each)
 
 
 def cutoffs_of(rhs: Any) -> Cutoffs | None:

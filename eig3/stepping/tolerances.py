@@ -93,7 +93,7 @@ def longest_way(cutoffs: Cutoffs | None, tolerances: Tolerances, params: np.ndar
     bends their paths. Without such points, or with `h_max`, these are 0 and infinity.
     """
     least = math.inf if cutoffs is None or tolerances.is_bounded else cutoffs.least(params)
-    return (cutoffs.degrees, _OF_CUTOFF * least) if cutoffs and 0 < least < math.inf else NO_POINTS
+    return (cutoffs.degrees, _OF_CUTOFF * least) if cutoffs and least < math.inf else NO_POINTS
 
 
 def _absolute(atol: np.ndarray, n: int) -> np.ndarray:
