@@ -35,6 +35,7 @@ from .methods import Method
 from .notebook import brief, facts
 from .result import storage
 from .result.labels import Labels
+from .result.occurrences import labelled
 from .result.solution import Solution
 from .run.accuracy import check_goal, reach, refuse_without_accuracy
 from .run.loading import with_functions
@@ -344,7 +345,7 @@ class Problem:
         labels = Labels.of(self.labels, found.labels.columns if found.labels else ())
         options |= {"labels": labels, "first_order": self.unknowns}
         solution = with_functions(found, self.rhs, outputs=outputs, jacobian=jacobian, **options)
-        solution.labels = labels
+        solution.labels, solution.events = labels, labelled(solution.events, labels)
         return solution
 
     def _own_functions(self, found: Solution | EnsembleSolution, given: Mapping[str, Any]) -> dict[str, Any]:

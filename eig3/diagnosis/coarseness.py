@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..functions.events import Occurrences
 from ..methods import Method
+from ..result.occurrences import Occurrences
 from ..stability import limit
 from ..stepping.stepper import Stepper
 

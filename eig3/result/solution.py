@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import reals
-from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..functions.first_order import FirstOrder, flat
 from ..kernels.compile.interrupt import keeping, with_solution
@@ -26,6 +25,7 @@ from . import frames, storage
 from .error_estimate import ErrorEstimate
 from .interpolation import Knots
 from .labels import Labels
+from .occurrences import Occurrences, labelled
 from .resampling import resampled
 from .resolution import Resolution
 from .soundness import check_run
@@ -628,7 +628,7 @@ _EMPTY = {each.name: each.default_factory for each in dataclasses.fields(Solutio
 def _loaded(fields: dict[str, Any]) -> Solution:
     """Return the solution with the fields of a file."""
     check_run(fields)
-    return Solution._of(fields, {})
+    return Solution._of(fields | {"events": labelled(fields["events"], fields["labels"])}, {})
 
 
 storage.KINDS[storage.RUN] = _loaded

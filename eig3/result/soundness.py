@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..methods import Method
 from .columns import ANY, COLUMNS, DEGREES, Column
 from .error_estimate import ErrorEstimate
 from .labels import Labels
+from .occurrences import Occurrences
 from .status import Status
 
 Test = Callable[[Any], bool]
