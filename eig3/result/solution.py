@@ -610,15 +610,21 @@ class Solution:
             f"  {self.n_rhs} evaluations{f', {self.n_iterations} iterations' * (self.n_iterations > 0)}, "
             f"{self.kernel_seconds:.3g} s in the kernel ({per_step:.3g} ns a step)",
         ]
-        some = f" (at {self.n_invariants:,} of {self.n_steps:,} steps)" * (self.n_invariants < self.n_steps)
-        word = "change" if self.method.is_stochastic else "drift"  # a thermostat does not keep the energy
-        lines += [f"  {word} of {name}: {value:.4g}{some}" for name, value in self.drift.items()]
+        lines += drifts(self)
         lines += [f"  {self.message}"] * (not self.success)
         lines += [f"  {self.error}"] * (self.error is not None)
         lines += [f"  Note: {note}" for note in (*self.notes, *(self.error.notes if self.error else ()))]
         return "\n".join(lines)
 
     _repr_html_ = of_repr
+
+
+def drifts(solution: Any, most: str = "") -> list[str]:
+    """Return a line with the drift of each invariant of a solution, or after the word `most` its largest in members."""
+    evaluated, total = int(np.sum(solution.n_invariants)), int(np.sum(solution.n_steps))
+    some = f" (at {evaluated:,} of {total:,} steps)" * (evaluated < total)
+    word = "change" if solution.method.is_stochastic else "drift"  # a thermostat does not keep the energy
+    return [f"  {word} of {name}: {most}{np.max(value):.4g}{some}" for name, value in solution.drift.items()]
 
 
 #: The functions that compute the default values of fields.
