@@ -3,6 +3,7 @@
 import math
 import re
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -282,6 +283,8 @@ def test_a_driven_gyroscope_that_grows_is_noted():
     assert (coarse.success, np.hypot(*coarse.u[-1]) > 5) == (True, True)
     limit = rotor.critical_step().limit
     assert coarse.notes[0].startswith(f"h = 0.25 is longer than the critical step {limit:.4g} of EIG3")
+    *_, note = rotor.ensemble(h=[0.04, 0.25, 0.25], save_every=None, executor=ThreadPoolExecutor(1)).notes
+    assert note == f"{coarse.notes[0]} This is member 1 of the 2 members that have grown."
 
 
 @eig3.jit

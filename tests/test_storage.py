@@ -37,8 +37,8 @@ def full_solution():
         notes=("One.", 'Two "quoted".'),
         z={"work": run.u**2},
         events={
-            "never": Occurrences(*5 * [np.empty(0)], *2 * [{"work": np.empty(0)}], labels),
-            "impact": Occurrences(np.array([1.05]), *before, *after, *2 * [{"work": np.array([0.1])}], labels),
+            "never": Occurrences(*5 * [np.empty(0)], *2 * [{"work": np.empty(0)}], labels=labels),
+            "impact": Occurrences(np.array([1.05]), *before, *after, *2 * [{"work": np.array([0.1])}], labels=labels),
         },
         outputs={"reaction": 3 * run.u, "storey drift": np.stack([run.u, run.v], axis=1)},
         n_rejected=3,

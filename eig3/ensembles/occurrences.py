@@ -76,7 +76,7 @@ class MemberOccurrences:
         """Return the occurrences in member i."""
         chosen = slice(*np.searchsorted(self.member, [i, i + 1]))
         states = (each(lambda x: x[chosen], getattr(self, name)) for name in ("t", *_STATES))
-        return Occurrences(*states, self.labels)
+        return Occurrences(*states, labels=self.labels)
 
     def with_part(self, part: MemberOccurrences, first: int) -> MemberOccurrences:
         """Return these occurrences together with the occurrences of a part that begins with member `first`."""

@@ -37,7 +37,7 @@ class Occurrences:
     v_after: np.ndarray
     z: dict[str, np.ndarray] = field(default_factory=dict)
     z_after: dict[str, np.ndarray] = field(default_factory=dict)
-    labels: Labels | None = None  # a file has the labels of the solution only
+    labels: Labels | None = field(default=None, kw_only=True)  # a file has the labels of the solution only
 
     def __len__(self) -> int:
         return len(self.t)
@@ -51,21 +51,14 @@ class Occurrences:
     @property
     def jumps(self) -> Occurrences:
         """The occurrences at which `apply` changed the state."""
-        pairs = (
-            (self.u, self.u_after),
-            (self.v, self.v_after),
-            *zip(self.z.values(), self.z_after.values(), strict=True),
-        )
-        some = np.zeros(len(self), dtype=bool)
-        for before, after in pairs:
-            some |= (before != after).any(axis=tuple(range(1, before.ndim)))
+        some = is_jump(self)
         return self.map(lambda x: x[some])
 
     def map(self, function: Callable[[np.ndarray], np.ndarray]) -> Occurrences:
         """Return the occurrences with ``function(x)`` for each array x."""
         t, u, v, u_after, v_after = map(function, (self.t, self.u, self.v, self.u_after, self.v_after))
         z, z_after = ({name: function(x) for name, x in each.items()} for each in (self.z, self.z_after))
-        return Occurrences(t, u, v, u_after, v_after, z, z_after, self.labels)
+        return Occurrences(t, u, v, u_after, v_after, z, z_after, labels=self.labels)
 
     def to_pandas(self) -> Any:
         """Return a `pandas.DataFrame` with a row for each occurrence: its time, and the states before and after.
@@ -78,3 +71,11 @@ class Occurrences:
 def labelled(events: Mapping[str, Any], labels: Labels | None) -> dict[str, Any]:
     """Return the occurrences of events with the labels of their solution."""
     return {name: replace(found, labels=labels) for name, found in events.items()}
+
+
+def is_jump(found: Any) -> np.ndarray:
+    """Return at which occurrences, of a run or of members, `apply` changed the state."""
+    of_z = zip(found.z.values(), found.z_after.values(), strict=True)
+    pairs = (found.u, found.u_after), (found.v, found.v_after), *of_z
+    changed = [(before != after).any(axis=tuple(range(1, before.ndim))) for before, after in pairs]
+    return np.any(changed, axis=0)
