@@ -131,7 +131,8 @@ class Problem:
         The view for `animate`: ``view(figure, film)`` draws the static parts on a matplotlib figure, and returns
         ``show(i)``, which shows frame i of the `eig3.animation.Film`. `eig3.animation` has views such as `Mechanism`.
     outputs, output_units : dict
-        Outputs that `integrate` takes as `outputs`, such as reactions, and units, as {"moments": "N m"}, if known.
+        Outputs that `integrate` takes as `outputs`, such as reactions, and units, as {"moments": "N m"}, if known; a
+        tuple has the unit of each value.
     encounters : callable, optional
         For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and damping rates of possible
         collisions from a state, or None if unknown. Scenes with contacts or pair potentials have it.
@@ -164,7 +165,7 @@ class Problem:
     encounters: Callable | None = None
     masses: ArrayLike | None = None
     geometry: Geometry | None = None
-    output_units: Mapping[str, str] = field(default_factory=dict)
+    output_units: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
     unknowns: FirstOrder = field(default=NONE, init=False, repr=False)  # the names and shapes of z0
 
     def __post_init__(self) -> None:
@@ -174,7 +175,7 @@ class Problem:
         own |= {"h": None if self.h is None else check_h(self.h), "outputs": dict(self.outputs)}
         self._check_degrees(np.size(u0))
         given = self.output_units
-        if not (isinstance(given, Mapping) and all(isinstance(unit, str) for unit in given.values())):
+        if not (isinstance(given, Mapping) and all(map(_are_units, given.values()))):
             raise TypeError(f"output_units must be a dictionary such as {{'force': 'N'}}, not {shown(given)}.")
         unknowns, z = check_z0(self.rhs, self.z0 or None if isinstance(self.z0, Mapping) else self.z0, form)
         own |= {"z0": unknowns.named(z), "unknowns": unknowns}
@@ -722,8 +723,9 @@ class Problem:
 
     @property
     def labels(self) -> Labels:
-        """The names and units of the degrees of freedom, and the names of the parameters."""
-        return Labels(self.names, self.units, self._layout.text if self._layout else "")
+        """The names and units of the degrees of freedom, the names of the parameters, and the units of outputs."""
+        layout, output_units = self._layout.text if self._layout else "", (*self.output_units.items(),)
+        return Labels(self.names, self.units, layout, output_units=output_units)
 
     def _facts(self) -> Iterator[tuple[str, str, str]]:
         """Yield the name, the value and the unit of each field that is known."""
@@ -833,6 +835,10 @@ class Problem:
             return invariants
         balance = EnergyLessWork(self.energy, np.size(self.u0) + self.unknowns.begin("work"))
         return {name: balance if function is self.energy else function for name, function in invariants.items()}
+
+
+def _are_units(given: Any) -> bool:
+    return all(isinstance(unit, str) for unit in (given if isinstance(given, tuple) else (given,)))
 
 
 def _are_equal(value: Any, other: Any) -> bool:

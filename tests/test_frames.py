@@ -268,6 +268,28 @@ def test_a_table_of_occurrences_has_the_columns_of_the_run(tmp_path):
         assert {name: found.attrs["units"][name] for name in table.columns} == table.attrs["units"]
 
 
+def test_reactions_have_units(tmp_path):
+    """A rod and the joint of a body react by forces; vectors of a body and an angle that is held by torques."""
+    scene = Scene(dimension=2)
+    pivot, bob = scene.fixed((0, 0)), scene.mass(1.0, (0.75, 0))
+    scene.add(Rod(), pivot, bob)
+    body = scene.body(1.0, 0.1, (2, 0))
+    body.revolute(None, (1, 0))
+    body.prescribed_angle(None, eig3.jit(lambda t: (t * t, 2 * t, 2.0)))
+    problem = scene.problem((0, 0.1))
+    units = ["N", "N m", "N m", "N m", "N", "N", "N m"]
+    run, members = (
+        problem.integrate(h=1e-2, outputs=problem.outputs),
+        problem.ensemble(h=[1e-2], outputs=problem.outputs),
+    )
+    for table in (run.to_pandas(), members.to_pandas()):
+        assert [table.attrs["units"][f"reactions[{name}]"] for name in problem.outputs["reactions"][1]] == units
+    assert list(run.to_xarray()["unit_of_reactions"].values) == units
+    alike = dataclasses.replace(problem, output_units={"reactions": "kN"}).integrate(h=1e-2, outputs=problem.outputs)
+    assert alike.to_xarray()["reactions"].attrs == {"units": "kN"}
+    assert eig3.load(run.save(tmp_path / "run")).to_pandas().attrs["units"] == run.to_pandas().attrs["units"]
+
+
 def test_names_that_clash_in_a_table_of_occurrences_are_refused():
     states = np.zeros((4, 2, 1))
     with pytest.raises(ValueError, match="u0 is the name of two columns"):

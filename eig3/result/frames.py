@@ -149,7 +149,8 @@ def _columns(states: Any, after: str = "") -> Iterator[Column]:
         for i, values in enumerate(np.atleast_2d(getattr(states, letter + after).T)):
             yield labels.name(letter, i) + after, values, labels.unit(letter, i)
     for name, values in (*getattr(states, "outputs", {}).items(), *getattr(states, "z" + after).items()):
-        yield from ((key + after, column, "") for key, column in _named(states, name, values))
+        for i, (key, column) in enumerate(_named(states, name, values)):
+            yield key + after, column, labels.output_unit(name, i)
 
 
 def _named(states: Any, name: str, values: np.ndarray, what: str = "") -> Iterator[tuple[str, np.ndarray]]:
@@ -191,7 +192,12 @@ def _dataset(
     dims = (*axes, "dof") if has_degrees else axes
     variables = [*((x, (dims, getattr(solution, x), common.get(x, {}))) for x in "uv"), *further.items()]
     for name, values in (*solution.outputs.items(), *solution.z.items()):
-        variables.append((name, (axes if values.ndim == len(axes) else (*axes, f"{name} component"), values)))
+        has_one, component = values.ndim == len(axes), f"{name} component"
+        of_all = [labels.output_unit(name, i) for i in range(1 if has_one else values.shape[-1])]
+        attributes_of = {"units": of_all[0]} if of_all[0] and len({*of_all}) == 1 else {}
+        if len({*of_all}) > 1:
+            coordinates[f"unit_of_{name}"] = component, of_all
+        variables.append((name, (axes if has_one else (*axes, component), values, attributes_of)))
     coordinates |= {f"{name} component": list(values) for name, values in labels.columns}
     dataset = xarray.Dataset(distinct([*coordinates.items(), *variables]), attrs=attributes)
     return dataset.set_coords([*coordinates])

@@ -1,4 +1,4 @@
-"""Names and units of degrees of freedom, and names of the values of outputs."""
+"""Names and units of degrees of freedom and of the values of outputs."""
 
 from __future__ import annotations
 
@@ -25,12 +25,15 @@ class Labels:
         The layout of named parameters, as `Layout.text`.
     columns : tuple of (str, tuple of str)
         Each output whose values have names, and these names.
+    output_units : tuple of (str, str or tuple of str)
+        Each output whose unit is known, and the unit of all its values, or of each value.
     """
 
     names: tuple[str, ...] = ()
     units: str | tuple[str, ...] = "m"
     layout: str = ""
     columns: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    output_units: tuple[tuple[str, str | tuple[str, ...]], ...] = ()
 
     @classmethod
     def of(cls, labels: Labels | None, columns: tuple[tuple[str, tuple[str, ...]], ...]) -> Labels | None:
@@ -55,3 +58,10 @@ class Labels:
         """Return the unit of "u" or "v" in the degree of freedom i."""
         unit = self.units if isinstance(self.units, str) else self.units[i]
         return unit if letter == "u" or not unit else f"{'1' if unit == '-' else unit}/s"
+
+    def output_unit(self, output: str, i: int = 0) -> str:
+        """Return the unit of the value i of an output, if it is known."""
+        unit = dict(self.output_units).get(output, "")
+        if isinstance(unit, str):
+            return unit
+        return unit[i] if i < len(unit) else ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,15 +13,14 @@ import numpy as np
 from ..ensembles.solution import EnsembleSolution
 from ..functions.callbacks import jit
 from ..functions.layout import bound_layout
-from ..functions.quantities import shape_of
 from ..kernels.compile.source import define
 from ..problem import Problem
-from ..result.labels import with_unit
+from ..result.labels import Labels, with_unit
 from ..result.solution import Status
 
 KINDS = {"max": "largest", "min": "smallest", "peak": "peak", "end": "last", "drift": "drift of"}
 _COMPONENTS = re.compile(r"([uv])(\d*)(?:-\1(\d+))?")
-_OUTPUT = re.compile(r"(.+?)(?:\[(\d+)\])?")
+_OUTPUT = re.compile(r"(.+?)(?:\[(.+)\])?")
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,8 @@ class Measure:
         steps. "end" is the last value, and "drift" the largest change since the first.
     quantity : str
         "energy"; a component such as "u0" or "v1", or a difference of two such as "u1-u0"; or an output of the problem
-        such as "moments", of whose values the extreme one counts, or one of its values such as "moments[3]".
+        such as "moments", of whose values the extreme one counts, or one of its values by its number or its name, such
+        as "moments[3]" or "forces[left]".
     """
 
     kind: str
@@ -83,9 +83,12 @@ class Measure:
         if self.needs_energy:
             return problem.energy_unit
         if self.output:
-            return problem.output_units.get(self.output, "")
-        letter, i, _ = self._components()
-        return problem.unit(letter, i)
+            names = _values_of(problem.outputs[self.output])
+            place = self._place(names)
+            some = range(len(names)) if place is None else [place]
+            return " or ".join(dict.fromkeys(problem.labels.output_unit(self.output, k) for k in some))
+        letter, *both = self._components()
+        return " - ".join(dict.fromkeys(problem.unit(letter, i) for i in both if i is not None))
 
     @property
     def output(self) -> str:
@@ -126,20 +129,25 @@ class Measure:
     def _checked_output(self, problem: Problem) -> Any:
         if self.output not in problem.outputs:
             raise self._unknown(problem.outputs)
-        found, index = problem.outputs[self.output], self._index()
-        (count,) = shape_of(found) or (1,)
+        found = problem.outputs[self.output]
+        names = _values_of(found)
+        place, count = self._place(names), len(names)
         if self.kind == "drift":
             raise ValueError(f"--measure {self} does not fit: take max, min, peak or end of an output.")
-        if self.kind == "end" and index is None and count > 1:
-            raise ValueError(f"--measure {self} must say which of the {count} values, such as {self}[0].")
-        if index is not None and index >= count:
-            raise ValueError(f"--measure {self} does not fit: {self.output} has {count} values, numbered from 0.")
+        if place is None and self.kind == "end" and count > 1:
+            raise ValueError(f"--measure {self} must say which of the {count} values, such as {self}[{names[0]}].")
+        if place is not None and place >= count:
+            has = f"{count} values, numbered from 0" if names[0] == "0" else f"the values {', '.join(names)}"
+            raise ValueError(f"--measure {self} does not fit: {self.output} has {has}.")
         return found
 
-    def _index(self) -> int | None:
-        """Return the number of the value of an output; None for all its values."""
+    def _place(self, names: Sequence[str | int]) -> int | None:
+        """Return which value of an output is measured, by its name or its number; None for all values."""
         match = _OUTPUT.fullmatch(self.quantity)
-        return int(match[2]) if match and match[2] else None
+        if not (match and match[2]):
+            return None
+        known = [*map(str, names)]
+        return known.index(match[2]) if match[2] in known else int(match[2]) if match[2].isdecimal() else len(known)
 
     def _energy(self, problem: Problem) -> Any:
         """Return the energy. If the problem integrates the work, the drift is for the energy minus the work."""
@@ -161,18 +169,27 @@ class Measure:
         if self.kind == "drift":
             values = solution.drift[name]
         elif self.kind == "end":
-            values = self._chosen(solution.outputs[name][:, -1])
+            values = self._chosen(solution, name, solution.outputs[name][:, -1])
         else:
-            low, high = map(self._chosen, solution.extremes[name][:2])
+            low, high = (self._chosen(solution, name, x) for x in solution.extremes[name][:2])
             values = {"min": low, "max": high, "peak": np.maximum(np.abs(low), np.abs(high))}[self.kind]
         if values.ndim > 1:
             values = values.min(axis=1) if self.kind == "min" else values.max(axis=1)
         return np.where(solution.status == Status.COMPLETED, values, np.nan)
 
-    def _chosen(self, values: np.ndarray) -> np.ndarray:
+    def _chosen(self, solution: EnsembleSolution, name: str, values: np.ndarray) -> np.ndarray:
         """Return one value of an output of each member, shape (m,), or the values, shape (m,) or (m, k)."""
-        index = self._index() if self.output else None
-        return values if index is None else values.reshape(len(values), -1)[:, index]
+        if not self.output:
+            return values
+        columns, labels = values.reshape(len(values), -1), solution.labels or Labels()
+        place = self._place(labels.values(name, columns.shape[1]))
+        return values if place is None else columns[:, place]
+
+
+def _values_of(output: Any) -> list[str]:
+    """Return the names of the values of an output of a problem, or their numbers."""
+    names = output[1] if isinstance(output, tuple) else 1
+    return [*map(str, names if isinstance(names, list | tuple) else range(names))]
 
 
 @functools.cache
