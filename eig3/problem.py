@@ -105,7 +105,8 @@ class Problem:
         "energy", after about every hundredth step. If a scene or a structure follows the work, it is the energy minus
         the work, also as an output: `energy_of` has the energy alone.
     energy_unit : str
-        Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
+        Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg"; with "-", the time is
+        dimensionless too.
     units : str or tuple of str
         Unit of all displacements, or of each displacement; "-" for a dimensionless number.
     names : tuple of str
@@ -589,9 +590,13 @@ class Problem:
         With `limits`, `camera` or `color`, it shows the points that `show` has too, as `eig3.animation.Mechanism`.
         """
         self._check_own(solution)
-        has_seconds = self.energy_unit != "-"  # without units, the time has no unit either
         look = {"limits": limits, "camera": camera, "color": color}
-        options: dict[str, Any] = {"name": self.name, "look": look, "has_seconds": has_seconds, "t_end": t_end}
+        options: dict[str, Any] = {
+            "name": self.name,
+            "look": look,
+            "has_seconds": self.labels.time == "s",
+            "t_end": t_end,
+        }
         return animate(self.view or Curves(self.labels), solution, path, **options)
 
     def show(
@@ -639,7 +644,7 @@ class Problem:
         from .view import show
 
         self._check_own(solution)
-        has_seconds = self.energy_unit != "-"
+        has_seconds = self.labels.time == "s"
         look = {"limits": limits, "camera": camera, "color": color}
         return show(self.view, solution, path, name=self.name, look=look, has_seconds=has_seconds, t_end=t_end)
 
@@ -725,11 +730,12 @@ class Problem:
     def labels(self) -> Labels:
         """The names and units of the degrees of freedom, the names of the parameters, and the units of outputs."""
         layout, output_units = self._layout.text if self._layout else "", (*self.output_units.items(),)
-        return Labels(self.names, self.units, layout, output_units=output_units)
+        time = "-" if self.energy_unit == "-" else "s"  # without units, the time has no unit either
+        return Labels(self.names, self.units, layout, output_units=output_units, time=time)
 
     def _facts(self) -> Iterator[tuple[str, str, str]]:
         """Yield the name, the value and the unit of each field that is known."""
-        unit, second = self.labels.unit, "" if self.energy_unit == "-" else "s"
+        unit, second = self.labels.unit, self.labels.second.strip()
         units = {letter: brief([*dict.fromkeys(unit(letter, i) for i in range(np.size(self.u0)))]) for letter in "uv"}
         units = {"u0": units["u"], "v0": units["v"], "t_span": second, "h": second, "energy": self.energy_unit}
         rows = ((name, brief(getattr(self, name)), units.get(name, "")) for name in _SHOWN)

@@ -287,16 +287,18 @@ def draw(figure: Any, problem: Problem, solution: Solution, balance: Balance | N
     (problem.draw or drawing.histories)(figure, shown)
     if balance:
         balance.draw(figure)
-    step = "h" if solution.steps is None else "mean h"
-    title = f"{problem.name}, {solution.method.label}, {step} = {solution.h:.3g} s"
+    step, second = "h" if solution.steps is None else "mean h", problem.labels.second
+    title = f"{problem.name}, {solution.method.label}, {step} = {solution.h:.3g}{second}"
     if not solution.success:
         what, n = solution.status.value, len(shown.t)
-        title += f"\n{what}; the last state is at t = {solution.t[-1]:.4g} s"
+        title += f"\n{what}; the last state is at t = {solution.t[-1]:.4g}{second}"
         if n < len(solution.t):
-            title += f"\nshown up to t = {shown.t[-1]:.4g} s, where the growth begins"
+            title += f"\nshown up to t = {shown.t[-1]:.4g}{second}, where the growth begins"
             drawing.growth(figure, solution, n)
             what = "growth begins"
         drawing.mark(figure, shown.t[-1], what)
+    for axes in drawing.time_panels(figure)[-1:]:
+        axes.set_xlabel(with_unit("t", problem.labels.time))
     figure.suptitle(title, parse_math=False)  # the name of a problem may contain dollar signs
     width, height = _PANEL
     is_wide = bool(drawing.pictures(figure))

@@ -27,6 +27,8 @@ class Labels:
         Each output whose values have names, and these names.
     output_units : tuple of (str, str or tuple of str)
         Each output whose unit is known, and the unit of all its values, or of each value.
+    time : str
+        The unit of the time: "s", or "-" for a dimensionless number.
     """
 
     names: tuple[str, ...] = ()
@@ -34,6 +36,7 @@ class Labels:
     layout: str = ""
     columns: tuple[tuple[str, tuple[str, ...]], ...] = ()
     output_units: tuple[tuple[str, str | tuple[str, ...]], ...] = ()
+    time: str = "s"
 
     @classmethod
     def of(cls, labels: Labels | None, columns: tuple[tuple[str, tuple[str, ...]], ...]) -> Labels | None:
@@ -57,7 +60,14 @@ class Labels:
     def unit(self, letter: str, i: int = 0) -> str:
         """Return the unit of "u" or "v" in the degree of freedom i."""
         unit = self.units if isinstance(self.units, str) else self.units[i]
-        return unit if letter == "u" or not unit else f"{'1' if unit == '-' else unit}/s"
+        if letter == "u" or not unit or unit == self.time == "-":
+            return unit
+        return f"{'1' if unit == '-' else unit}/s"
+
+    @property
+    def second(self) -> str:
+        """What follows a number of seconds: " s", or nothing for a dimensionless time."""
+        return "" if self.time == "-" else f" {self.time}"
 
     def output_unit(self, output: str, i: int = 0) -> str:
         """Return the unit of the value i of an output, if it is known."""

@@ -187,7 +187,9 @@ def _are_named(is_one: Test, x: Any) -> bool:
 
 
 def _are_labels(x: Any) -> bool:
-    if not isinstance(x, Labels) or not (_are_texts(x.names) and (isinstance(x.units, str) or _are_texts(x.units))):
+    if not isinstance(x, Labels) or not (
+        _are_texts((*x.names, x.time)) and (isinstance(x.units, str) or _are_texts(x.units))
+    ):
         return False
     named = *x.columns, *((name, (unit,) if isinstance(unit, str) else unit) for name, unit in x.output_units)
     return all(isinstance(name, str) and _are_texts(texts) for name, texts in named)
