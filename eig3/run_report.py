@@ -272,7 +272,7 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
     table = np.column_stack([t, u, v, *(np.reshape(x, (len(t), -1)) for x in of_z.values())])
     if table.size <= _CSV_VALUES:
         for key, x in of_z.items():
-            columns += [key] if x.ndim == 1 else [f"{key}{j}" for j in range(x.shape[1])]
+            columns += [key] if x.ndim == 1 else [f"{key}[{j}]" for j in range(x.shape[1])]
         with files.writing(f"{name}.csv") as path, path.open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerow(["t", *columns])
             np.savetxt(file, table, delimiter=",")
