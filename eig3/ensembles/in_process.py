@@ -145,7 +145,7 @@ class Run:
 
     def solution(self) -> EnsembleSolution:
         """Return the results so far."""
-        seconds = sum(work.seconds for work in self.work)
+        seconds = sum([work.seconds for work in self.work])
         again = None if self.is_part else partial(_again, self.rhs, self.members, self.options)
         given = self.rhs, self.members, self.options, self.histories
         return _result(*given, seconds, self.notes, again=again)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..diagnosis.coarseness import coarse_events, links_of
 from ..diagnosis.stiffness import VERY_MANY_STEPS
+from ..functions.companions import mark
 from ..result.solution import Status
 from ..run.instability import has_grown, instability
 from ..stepping.run_options import RunOptions
@@ -25,7 +26,7 @@ def add_step_notes(solution: EnsembleSolution, single: Singles, members: Members
     notes = []
     if links := links_of(options.events) if options.events else ():
         notes.append(coarse_events(members.steps, solution.events, links, members.first))
-    if members.n_steps.max() >= VERY_MANY_STEPS:
+    if members.n_steps.max() >= VERY_MANY_STEPS or mark(single.rhs, "is_linear"):
         notes.append(_instability(solution, single, members))
     solution.notes += (*filter(None, notes),)
 
