@@ -105,8 +105,7 @@ class Problem:
         "energy", after about every hundredth step. If a scene or a structure follows the work, it is the energy minus
         the work, also as an output: `energy_of` has the energy alone.
     energy_unit : str
-        Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg"; with "-", the time is
-        dimensionless too.
+        Unit of the energy, "J" or, if rhs is divided by the mass, "J/kg"; with "-", the time is dimensionless too.
     units : str or tuple of str
         Unit of all displacements, or of each displacement; "-" for a dimensionless number.
     names : tuple of str
@@ -132,8 +131,7 @@ class Problem:
         The view for `animate`: ``view(figure, film)`` draws the static parts on a matplotlib figure, and returns
         ``show(i)``, which shows frame i of the `eig3.animation.Film`. `eig3.animation` has views such as `Mechanism`.
     outputs, output_units : dict
-        Outputs that `integrate` takes as `outputs`, such as reactions, and units, as {"moments": "N m"}, if known; a
-        tuple has the unit of each value.
+        Outputs that `integrate` takes, such as reactions, and known units, as {"moments": "N m"}, or of each value.
     encounters : callable, optional
         For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and damping rates of possible
         collisions from a state, or None if unknown. Scenes with contacts or pair potentials have it.
