@@ -110,9 +110,14 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         "energy": functions.get("energy"),
         "events": writing.events_of(functions, assembly.events),
         "outputs": {"reactions": (functions["reactions"], reactions.rows)} if reactions else {},
-        "output_units": {"reactions": (*reactions.units,)} if reactions else {},
+        "output_units": {"reactions": _common(reactions.units)} if reactions else {},
         "params": source.params,
     }
+
+
+def _common(units: list[str]) -> str | tuple[str, ...]:
+    """Return the unit of all values, or the units of each."""
+    return units[0] if len({*units}) == 1 else (*units,)
 
 
 @functools.lru_cache(maxsize=256)
