@@ -9,6 +9,7 @@ import pytest
 import xarray
 
 import eig3
+from eig3.animation.look import Look
 from eig3.effects import Gravity, LinearDamper, LinearSpring, Rod
 from eig3.result.occurrences import Occurrences
 from eig3.scene import Scene
@@ -288,7 +289,9 @@ def test_reactions_have_units(tmp_path):
     rods = Scene(dimension=2)
     rods.add(Rod(), rods.fixed((0, 0)), rods.mass(1.0, (0.75, 0)))
     rod = rods.problem((0, 0.1))
-    assert rod.integrate(h=1e-2, outputs=rod.outputs).to_xarray()["reactions"].attrs == {"units": "N"}
+    swung = rod.integrate(h=1e-2, outputs=rod.outputs)
+    assert swung.to_xarray()["reactions"].attrs == {"units": "N"}
+    assert Look.of(rod.view, swung, color="reactions").units == {"reactions": "N"}
     assert eig3.load(run.save(tmp_path / "run")).to_pandas().attrs["units"] == run.to_pandas().attrs["units"]
 
 

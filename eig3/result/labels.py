@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 
@@ -75,3 +75,7 @@ class Labels:
         if isinstance(unit, str):
             return unit
         return unit[i] if i < len(unit) else ""
+
+    def unit_of_values(self, output: str, places: Iterable[int]) -> str:
+        """Return the unit of some values of an output, such as "N", or "N or N m"."""
+        return " or ".join(filter(None, dict.fromkeys(self.output_unit(output, i) for i in places)))

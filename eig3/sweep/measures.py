@@ -86,7 +86,7 @@ class Measure:
             names = _values_of(problem.outputs[self.output])
             place = self._place(names)
             some = range(len(names)) if place is None else [place]
-            return " or ".join(dict.fromkeys(problem.labels.output_unit(self.output, k) for k in some))
+            return problem.labels.unit_of_values(self.output, some)
         letter, *both = self._components()
         return " - ".join(dict.fromkeys(problem.unit(letter, i) for i in both if i is not None))
 
