@@ -191,7 +191,7 @@ def test_outputs_are_measured_and_memory_goes_on_after():
     assert whole.measures[1].label(problem.with_(output_units={})) == "largest moments[4]"
 
 
-def test_a_value_of_an_output_is_measured_by_its_name(tmp_path):
+def test_a_value_of_an_output_is_measured_by_its_name():
     problem = problems.duffing(t_end=1.0)
 
     @eig3.jit
@@ -203,7 +203,9 @@ def test_a_value_of_an_output_is_measured_by_its_name(tmp_path):
     members = both.ensemble(u0=[0.5, 1.0], h=0.01, outputs=both.outputs)
     for measure in (named, numbered):
         assert measure.function(both) == both.outputs["both"]
-        np.testing.assert_array_equal(measure.of(members, "both"), -2 * members.u[:, -1])
+        np.testing.assert_array_equal(measure.of(members, "both", both), -2 * members.u[:, -1])
+    whole = both.with_(outputs={"force[kN]": eig3.jit(lambda t, u, v, p: u)}, output_units={"force[kN]": "kN"})
+    assert Measure.parse("end:force[kN]").label(whole) == "last force[kN] (kN)"
     assert named.label(both) == "last both[right] (N)"
     assert Measure.parse("max:both").label(both) == "largest both (m or N)"
     with pytest.raises(ValueError, match="does not fit: both has the values left, right"):

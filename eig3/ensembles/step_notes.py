@@ -45,7 +45,7 @@ def _instability(solution: EnsembleSolution, single: Singles, members: Members) 
         growth = np.fmax(*(end[grown] / start[grown] for end, start in zip(ends, starts, strict=True)))
     for i in completed[grown[np.argsort(-growth)[:_MOST]]].tolist():
         stepper: Any = single.prepared(i).at_start(members.t_span, *members.start(i))
-        if note := instability(stepper):
+        if note := instability(stepper, int(solution.n_steps[i])):
             return f"{note} This is member {members.first + i} of the {len(grown)} members that have grown."
     return ""
 

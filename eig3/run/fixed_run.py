@@ -309,7 +309,7 @@ class FixedRun(Run):
         stepper = self.stepper
         given = stepper.index, stepper.sizes, stepper.middle_sizes or stepper.first_sizes[:2]
         may_grow = stepper.system.first_order.is_read or has_grown(stepper.system, *given)
-        return instability(stepper) if may_grow else ""
+        return instability(stepper, stepper.index) if may_grow else ""
 
     def _total(self) -> tuple[int, str]:
         return self.n_steps - self.stepper.index, "step"

@@ -27,14 +27,14 @@ def has_grown(system: System, n_steps: Any, ends: Any, starts: Any) -> Any:
     return (u | v) & (is_linear or (n_steps >= VERY_MANY_STEPS) & system.callback.reads_velocity)
 
 
-def instability(stepper: Stepper) -> str:
-    """Describe a step that is unstable at the start of a run; empty if it is stable there."""
+def instability(stepper: Stepper, n_steps: int) -> str:
+    """Describe a step that is unstable at the start of a run of `n_steps`; empty if it is stable there."""
     if stepper.n > _MOST_DEGREES:
         return ""
     try:
         limit = critical(stepper.acceleration, stepper.t0, *stepper.start, stepper.running).limit
     except NoStableStepError as error:  # which is often so weak that only a long run shows it
-        is_shown = stepper.system.first_order.is_read or stepper.index >= VERY_MANY_STEPS
+        is_shown = stepper.system.first_order.is_read or n_steps >= VERY_MANY_STEPS
         return str(error) if is_shown else ""
     except ValueError:  # nothing limits the step
         return ""

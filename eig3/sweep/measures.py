@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,12 +15,12 @@ from ..functions.callbacks import jit
 from ..functions.layout import bound_layout
 from ..kernels.compile.source import define
 from ..problem import Problem
-from ..result.labels import Labels, with_unit
+from ..result.labels import with_unit
 from ..result.solution import Status
 
 KINDS = {"max": "largest", "min": "smallest", "peak": "peak", "end": "last", "drift": "drift of"}
 _COMPONENTS = re.compile(r"([uv])(\d*)(?:-\1(\d+))?")
-_OUTPUT = re.compile(r"(.+?)(?:\[(.+)\])?")
+_OUTPUT = re.compile(r"(.+?)(?:\[.+\])?")
 
 
 @dataclass(frozen=True)
@@ -83,10 +83,8 @@ class Measure:
         if self.needs_energy:
             return problem.energy_unit
         if self.output:
-            names = _values_of(problem.outputs[self.output])
-            place = self._place(names)
-            some = range(len(names)) if place is None else [place]
-            return problem.labels.unit_of_values(self.output, some)
+            name, names, place = self._value(problem)
+            return problem.labels.unit_of_values(name, range(len(names)) if place is None else [place])
         letter, *both = self._components()
         return " - ".join(dict.fromkeys(problem.unit(letter, i) for i in both if i is not None))
 
@@ -127,27 +125,31 @@ class Measure:
         return _quantity(f"{letter}[{i}]" + (f" - {letter}[{j}]" if j is not None else ""))
 
     def _checked_output(self, problem: Problem) -> Any:
-        if self.output not in problem.outputs:
-            raise self._unknown(problem.outputs)
-        found = problem.outputs[self.output]
-        names = _values_of(found)
-        place, count = self._place(names), len(names)
+        name, names, place = self._value(problem)
+        count = len(names)
         if self.kind == "drift":
             raise ValueError(f"--measure {self} does not fit: take max, min, peak or end of an output.")
         if place is None and self.kind == "end" and count > 1:
             raise ValueError(f"--measure {self} must say which of the {count} values, such as {self}[{names[0]}].")
         if place is not None and place >= count:
             has = f"{count} values, numbered from 0" if names[0] == "0" else f"the values {', '.join(names)}"
-            raise ValueError(f"--measure {self} does not fit: {self.output} has {has}.")
-        return found
+            raise ValueError(f"--measure {self} does not fit: {name} has {has}.")
+        return problem.outputs[name]
 
-    def _place(self, names: Sequence[str | int]) -> int | None:
-        """Return which value of an output is measured, by its name or its number; None for all values."""
-        match = _OUTPUT.fullmatch(self.quantity)
-        if not (match and match[2]):
-            return None
-        known = [*map(str, names)]
-        return known.index(match[2]) if match[2] in known else int(match[2]) if match[2].isdecimal() else len(known)
+    def _value(self, problem: Problem) -> tuple[str, list[str], int | None]:
+        """Return the output, the names or the numbers of its values, and which value is measured; None for all."""
+        if self.quantity in problem.outputs:
+            name, value = self.quantity, ""
+        else:
+            name, value = self.output, self.quantity.removeprefix(self.output)[1:-1]
+        if name not in problem.outputs:
+            raise self._unknown(problem.outputs)
+        output = problem.outputs[name]
+        given = output[1] if isinstance(output, tuple) else 1
+        names = [*map(str, given if isinstance(given, list | tuple) else range(given))]
+        if not value:
+            return name, names, None
+        return name, names, names.index(value) if value in names else int(value) if value.isdecimal() else len(names)
 
     def _energy(self, problem: Problem) -> Any:
         """Return the energy. If the problem integrates the work, the drift is for the energy minus the work."""
@@ -161,7 +163,7 @@ class Measure:
             return _quantity(f"energy(t, u{own}, v{own}, p)", energy)
         return problem.energy
 
-    def of(self, solution: EnsembleSolution, name: str) -> np.ndarray:
+    def of(self, solution: EnsembleSolution, name: str, problem: Problem) -> np.ndarray:
         """Return the measure of each member, shape (m,); NaN for members that did not reach the end.
 
         `name` is the name of the output with the quantity, or for a drift of the invariant.
@@ -169,27 +171,18 @@ class Measure:
         if self.kind == "drift":
             values = solution.drift[name]
         elif self.kind == "end":
-            values = self._chosen(solution, name, solution.outputs[name][:, -1])
+            values = self._chosen(solution.outputs[name][:, -1], problem)
         else:
-            low, high = (self._chosen(solution, name, x) for x in solution.extremes[name][:2])
+            low, high = (self._chosen(x, problem) for x in solution.extremes[name][:2])
             values = {"min": low, "max": high, "peak": np.maximum(np.abs(low), np.abs(high))}[self.kind]
         if values.ndim > 1:
             values = values.min(axis=1) if self.kind == "min" else values.max(axis=1)
         return np.where(solution.status == Status.COMPLETED, values, np.nan)
 
-    def _chosen(self, solution: EnsembleSolution, name: str, values: np.ndarray) -> np.ndarray:
+    def _chosen(self, values: np.ndarray, problem: Problem) -> np.ndarray:
         """Return one value of an output of each member, shape (m,), or the values, shape (m,) or (m, k)."""
-        if not self.output:
-            return values
-        columns, labels = values.reshape(len(values), -1), solution.labels or Labels()
-        place = self._place(labels.values(name, columns.shape[1]))
-        return values if place is None else columns[:, place]
-
-
-def _values_of(output: Any) -> list[str]:
-    """Return the names of the values of an output of a problem, or their numbers."""
-    names = output[1] if isinstance(output, tuple) else 1
-    return [*map(str, names if isinstance(names, list | tuple) else range(names))]
+        place = self._value(problem)[2] if self.output else None
+        return values if place is None else values.reshape(len(values), -1)[:, place]
 
 
 @functools.cache
