@@ -8,7 +8,7 @@ from .diagnosis.critical import CriticalStep, NoCriticalStepError, critical_step
 from .ensembles.ensemble import ensemble
 from .ensembles.solution import EnsembleSolution
 from .functions.callbacks import jit
-from .functions.events import Event, Occurrences
+from .functions.events import Event
 from .functions.extremes import Extremes
 from .functions.named import Parameters
 from .functions.sparse import Sparse
@@ -32,6 +32,7 @@ from .methods import (
 from .planning.planner import Plan, plan
 from .problem import Problem
 from .result.error_estimate import ErrorEstimate
+from .result.occurrences import Occurrences
 from .result.solution import Solution, Status
 from .run.chunks import IntegrationError
 from .run.integration import integrate

@@ -83,6 +83,22 @@ def add_out(parser: argparse.ArgumentParser, text: str, *, type: Callable[[str],
     parser.add_argument("--out", type=type, metavar="DIR", help=text)
 
 
+@contextmanager
+def printing() -> Iterator[Callable[[str], None]]:
+    """Yield a function that prints. Its first error, as on a full disk, comes at the end, after files are written."""
+    errors: list[OSError] = []
+
+    def write(text: str) -> None:
+        try:
+            print(text)
+        except OSError as error:
+            errors.append(error)
+
+    yield write
+    if errors:
+        raise errors[0]
+
+
 class Files:
     """The files that a command writes into the folder of `--out`. After an error, it still writes the others.
 

@@ -35,6 +35,7 @@ from .methods import Method
 from .notebook import brief, facts
 from .result import storage
 from .result.labels import Labels
+from .result.occurrences import labelled
 from .result.solution import Solution
 from .run.accuracy import check_goal, reach, refuse_without_accuracy
 from .run.loading import with_functions
@@ -104,7 +105,7 @@ class Problem:
         "energy", after about every hundredth step. If a scene or a structure follows the work, it is the energy minus
         the work, also as an output: `energy_of` has the energy alone.
     energy_unit : str
-        Unit of the energy, "J" or, where the right-hand side is divided by the mass, "J/kg".
+        Unit of the energy, "J" or, if rhs is divided by the mass, "J/kg"; with "-", the time is dimensionless too.
     units : str or tuple of str
         Unit of all displacements, or of each displacement; "-" for a dimensionless number.
     names : tuple of str
@@ -130,7 +131,7 @@ class Problem:
         The view for `animate`: ``view(figure, film)`` draws the static parts on a matplotlib figure, and returns
         ``show(i)``, which shows frame i of the `eig3.animation.Film`. `eig3.animation` has views such as `Mechanism`.
     outputs, output_units : dict
-        Outputs that `integrate` takes as `outputs`, such as reactions, and units, as {"moments": "N m"}, if known.
+        Outputs that `integrate` takes, such as reactions, and known units, as {"moments": "N m"}, or of each value.
     encounters : callable, optional
         For `critical_step`: ``encounters(t, u, v, span)`` returns the squared frequencies and damping rates of possible
         collisions from a state, or None if unknown. Scenes with contacts or pair potentials have it.
@@ -163,7 +164,7 @@ class Problem:
     encounters: Callable | None = None
     masses: ArrayLike | None = None
     geometry: Geometry | None = None
-    output_units: Mapping[str, str] = field(default_factory=dict)
+    output_units: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
     unknowns: FirstOrder = field(default=NONE, init=False, repr=False)  # the names and shapes of z0
 
     def __post_init__(self) -> None:
@@ -173,7 +174,7 @@ class Problem:
         own |= {"h": None if self.h is None else check_h(self.h), "outputs": dict(self.outputs)}
         self._check_degrees(np.size(u0))
         given = self.output_units
-        if not (isinstance(given, Mapping) and all(isinstance(unit, str) for unit in given.values())):
+        if not (isinstance(given, Mapping) and all(map(_are_units, given.values()))):
             raise TypeError(f"output_units must be a dictionary such as {{'force': 'N'}}, not {shown(given)}.")
         unknowns, z = check_z0(self.rhs, self.z0 or None if isinstance(self.z0, Mapping) else self.z0, form)
         own |= {"z0": unknowns.named(z), "unknowns": unknowns}
@@ -344,7 +345,7 @@ class Problem:
         labels = Labels.of(self.labels, found.labels.columns if found.labels else ())
         options |= {"labels": labels, "first_order": self.unknowns}
         solution = with_functions(found, self.rhs, outputs=outputs, jacobian=jacobian, **options)
-        solution.labels = labels
+        solution.labels, solution.events = labels, labelled(solution.events, labels)
         return solution
 
     def _own_functions(self, found: Solution | EnsembleSolution, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -587,9 +588,13 @@ class Problem:
         With `limits`, `camera` or `color`, it shows the points that `show` has too, as `eig3.animation.Mechanism`.
         """
         self._check_own(solution)
-        has_seconds = self.energy_unit != "-"  # without units, the time has no unit either
         look = {"limits": limits, "camera": camera, "color": color}
-        options: dict[str, Any] = {"name": self.name, "look": look, "has_seconds": has_seconds, "t_end": t_end}
+        options: dict[str, Any] = {
+            "name": self.name,
+            "look": look,
+            "has_seconds": self.labels.time == "s",
+            "t_end": t_end,
+        }
         return animate(self.view or Curves(self.labels), solution, path, **options)
 
     def show(
@@ -637,7 +642,7 @@ class Problem:
         from .view import show
 
         self._check_own(solution)
-        has_seconds = self.energy_unit != "-"
+        has_seconds = self.labels.time == "s"
         look = {"limits": limits, "camera": camera, "color": color}
         return show(self.view, solution, path, name=self.name, look=look, has_seconds=has_seconds, t_end=t_end)
 
@@ -721,12 +726,14 @@ class Problem:
 
     @property
     def labels(self) -> Labels:
-        """The names and units of the degrees of freedom, and the names of the parameters."""
-        return Labels(self.names, self.units, self._layout.text if self._layout else "")
+        """The names and units of the degrees of freedom, the names of the parameters, and the units of outputs."""
+        layout, output_units = self._layout.text if self._layout else "", (*self.output_units.items(),)
+        time = "-" if self.energy_unit == "-" else "s"  # without units, the time has no unit either
+        return Labels(self.names, self.units, layout, output_units=output_units, time=time)
 
     def _facts(self) -> Iterator[tuple[str, str, str]]:
         """Yield the name, the value and the unit of each field that is known."""
-        unit, second = self.labels.unit, "" if self.energy_unit == "-" else "s"
+        unit, second = self.labels.unit, self.labels.second.strip()
         units = {letter: brief([*dict.fromkeys(unit(letter, i) for i in range(np.size(self.u0)))]) for letter in "uv"}
         units = {"u0": units["u"], "v0": units["v"], "t_span": second, "h": second, "energy": self.energy_unit}
         rows = ((name, brief(getattr(self, name)), units.get(name, "")) for name in _SHOWN)
@@ -832,6 +839,10 @@ class Problem:
             return invariants
         balance = EnergyLessWork(self.energy, np.size(self.u0) + self.unknowns.begin("work"))
         return {name: balance if function is self.energy else function for name, function in invariants.items()}
+
+
+def _are_units(given: Any) -> bool:
+    return all(isinstance(unit, str) for unit in (given if isinstance(given, tuple) else (given,)))
 
 
 def _are_equal(value: Any, other: Any) -> bool:

@@ -272,7 +272,7 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
     table = np.column_stack([t, u, v, *(np.reshape(x, (len(t), -1)) for x in of_z.values())])
     if table.size <= _CSV_VALUES:
         for key, x in of_z.items():
-            columns += [key] if x.ndim == 1 else [f"{key}{j}" for j in range(x.shape[1])]
+            columns += [key] if x.ndim == 1 else [f"{key}[{j}]" for j in range(x.shape[1])]
         with files.writing(f"{name}.csv") as path, path.open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerow(["t", *columns])
             np.savetxt(file, table, delimiter=",")
@@ -287,16 +287,18 @@ def draw(figure: Any, problem: Problem, solution: Solution, balance: Balance | N
     (problem.draw or drawing.histories)(figure, shown)
     if balance:
         balance.draw(figure)
-    step = "h" if solution.steps is None else "mean h"
-    title = f"{problem.name}, {solution.method.label}, {step} = {solution.h:.3g} s"
+    step, second = "h" if solution.steps is None else "mean h", problem.labels.second
+    title = f"{problem.name}, {solution.method.label}, {step} = {solution.h:.3g}{second}"
     if not solution.success:
         what, n = solution.status.value, len(shown.t)
-        title += f"\n{what}; the last state is at t = {solution.t[-1]:.4g} s"
+        title += f"\n{what}; the last state is at t = {solution.t[-1]:.4g}{second}"
         if n < len(solution.t):
-            title += f"\nshown up to t = {shown.t[-1]:.4g} s, where the growth begins"
+            title += f"\nshown up to t = {shown.t[-1]:.4g}{second}, where the growth begins"
             drawing.growth(figure, solution, n)
             what = "growth begins"
         drawing.mark(figure, shown.t[-1], what)
+    for axes in drawing.time_panels(figure)[-1:]:
+        axes.set_xlabel(with_unit("t", problem.labels.time))
     figure.suptitle(title, parse_math=False)  # the name of a problem may contain dollar signs
     width, height = _PANEL
     is_wide = bool(drawing.pictures(figure))

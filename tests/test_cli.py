@@ -432,6 +432,18 @@ problem = eig3.Problem("hard", rhs, [1.0], [0.0], (), (-5.0, -2.0), z0=unknowns,
 """
 
 
+@pytest.mark.parametrize("command", ["run kepler", "sweep kepler --set e=0:0.5:2 --measure max:u0"])
+def test_files_are_written_though_the_report_cannot_be_printed(command, tmp_path, monkeypatch):
+    class Full(io.StringIO):
+        def write(self, text):
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(sys, "stdout", Full())
+    with pytest.raises(SystemExit, match="No space left on device"):
+        main([*command.split(), "--t-end", "1", "--h", "0.01", "--out", str(tmp_path)])
+    assert {path.suffix for path in tmp_path.iterdir()} == {".npz", ".csv", ".png"}
+
+
 def test_a_problem_with_negative_times_and_an_unknown_named_u(tmp_path, monkeypatch):
     (tmp_path / "hard.py").write_text(HARD_PROBLEM)
     monkeypatch.chdir(tmp_path)
@@ -443,6 +455,9 @@ def test_a_problem_with_negative_times_and_an_unknown_named_u(tmp_path, monkeypa
     sweep = ["sweep", "hard.py:problem", "--t-end", "-4", "--set", "u0[0]=1:2:2", "--out", ".", "--measure"]
     assert main([*sweep, "max:F, N"]) == 0
     assert Path("sweep.csv").read_text() == 'u0[0],"max:F, N",status\n1.0,1.0,completed\n2.0,4.0,completed\n'
+    (tmp_path / "many.py").write_text(HARD_PROBLEM.replace('"u": 7.0, "a, b": 8.0', '"q": [7.0, 7.5], "q0": 8.0'))
+    main(["run", "many.py:problem", "--t-end", "-4", "--out", "."])
+    assert Path("hard.csv").read_text().startswith("t,u0,v0,q[0],q[1],q0\n")
     with pytest.raises(SystemExit, match=r"path must end with .extxyz, .xyz, .dump, .dcd, .pvd, .vtkhdf, not 'X.PVD'"):
         main(["run", "spring_pendulum", "--out", "X.PVD"])
 

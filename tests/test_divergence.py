@@ -3,6 +3,7 @@
 import math
 import re
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -282,6 +283,23 @@ def test_a_driven_gyroscope_that_grows_is_noted():
     assert (coarse.success, np.hypot(*coarse.u[-1]) > 5) == (True, True)
     limit = rotor.critical_step().limit
     assert coarse.notes[0].startswith(f"h = 0.25 is longer than the critical step {limit:.4g} of EIG3")
+    *_, note = rotor.ensemble(h=[0.04, 0.25, 0.25], save_every=None, executor=ThreadPoolExecutor(1)).notes
+    assert note == f"{coarse.notes[0]} This is member 1 of the 2 members that have grown."
+
+
+def test_a_linear_structure_that_grows_a_little_is_noted():
+    """As above with the force in a table: at h = 0.25, the motion grows five times in 8000 steps."""
+    t = np.linspace(0, 2000, 40001)
+    damping, force = np.array([[1e-3, 0.5], [-0.5, 1e-3]]), (t, np.stack([np.cos(2 * t), np.sin(2 * t)], axis=1))
+    start = {"t_span": (0, 2000), "u0": [-0.5, 0.0], "v0": [0.0, -1.0]}
+    rotor = eig3.linear([1.0, 1.0], damping, np.eye(2), force=force, **start)
+    fine, coarse = (rotor.integrate(h=h, save_every=None) for h in (0.15, 0.25))
+    assert fine.notes == ()
+    assert 1 < np.hypot(*coarse.u[-1]) < 5
+    (note,) = coarse.notes
+    assert note.startswith(f"h = 0.25 is longer than the critical step {rotor.critical_step().limit:.4g} of EIG3")
+    (of_members,) = rotor.ensemble(h=[0.15, 0.25], save_every=None).notes
+    assert of_members == f"{note} This is member 1 of the 1 members that have grown."
 
 
 @eig3.jit

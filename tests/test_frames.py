@@ -1,6 +1,7 @@
 """Solutions as tables of pandas and as datasets of xarray."""
 
 import dataclasses
+import pickle
 import sys
 
 import numpy as np
@@ -8,8 +9,9 @@ import pytest
 import xarray
 
 import eig3
+from eig3.animation.look import Look
 from eig3.effects import Gravity, LinearDamper, LinearSpring, Rod
-from eig3.functions.events import Occurrences
+from eig3.result.occurrences import Occurrences
 from eig3.scene import Scene
 
 from .conftest import coupled, oscillator, position
@@ -18,6 +20,9 @@ from .conftest import coupled, oscillator, position
 @eig3.jit
 def ends(t, u, v, p, out):
     out[0], out[1] = u[0], u[-1]
+
+
+first_speed = eig3.jit(lambda t, u, v, p: v[0])
 
 
 def with_outputs(run, **outputs):
@@ -249,6 +254,45 @@ def test_the_occurrences_of_an_event_as_a_table():
         assert list(table.columns) == ["t", *names]
         np.testing.assert_array_equal(table.t, np.arange(4.0))
         np.testing.assert_array_equal(table[names], np.hstack(states.reshape(4, 4, n)))
+
+
+def test_a_table_of_occurrences_has_the_columns_of_the_run(tmp_path):
+    """A member of an ensemble, a copy and a file keep the names and the units."""
+    problem = eig3.problems.spring_pendulum().with_(events={"down": eig3.Event(first_speed)})
+    solution, members = problem.integrate(h=0.01, t_end=5.0), problem.ensemble(h=[0.01, 0.02], t_end=5.0)
+    table = solution.to_pandas()
+    loaded = eig3.load(solution.save(tmp_path / "run")), eig3.load(members.save(tmp_path / "members"))
+    runs = solution, members, members[1], *loaded, loaded[1][1], pickle.loads(pickle.dumps(solution))
+    for found in (run.events["down"].to_pandas() for run in runs):
+        columns = [name for name in found.columns if name not in ("t", "member")]
+        assert columns == [*table.columns, *(f"{name}_after" for name in table.columns)]
+        assert {name: found.attrs["units"][name] for name in table.columns} == table.attrs["units"]
+
+
+def test_reactions_have_units(tmp_path):
+    """A rod and the joint of a body react by forces; vectors of a body and an angle that is held by torques."""
+    scene = Scene(dimension=2)
+    pivot, bob = scene.fixed((0, 0)), scene.mass(1.0, (0.75, 0))
+    scene.add(Rod(), pivot, bob)
+    body = scene.body(1.0, 0.1, (2, 0))
+    body.revolute(None, (1, 0))
+    body.prescribed_angle(None, eig3.jit(lambda t: (t * t, 2 * t, 2.0)))
+    problem = scene.problem((0, 0.1))
+    units = ["N", "N m", "N m", "N m", "N", "N", "N m"]
+    run, members = (
+        problem.integrate(h=1e-2, outputs=problem.outputs),
+        problem.ensemble(h=[1e-2], outputs=problem.outputs),
+    )
+    for table in (run.to_pandas(), members.to_pandas()):
+        assert [table.attrs["units"][f"reactions[{name}]"] for name in problem.outputs["reactions"][1]] == units
+    assert list(run.to_xarray()["unit_of_reactions"].values) == units
+    rods = Scene(dimension=2)
+    rods.add(Rod(), rods.fixed((0, 0)), rods.mass(1.0, (0.75, 0)))
+    rod = rods.problem((0, 0.1))
+    swung = rod.integrate(h=1e-2, outputs=rod.outputs)
+    assert swung.to_xarray()["reactions"].attrs == {"units": "N"}
+    assert Look.of(rod.view, swung, color="reactions").units == {"reactions": "N"}
+    assert eig3.load(run.save(tmp_path / "run")).to_pandas().attrs["units"] == run.to_pandas().attrs["units"]
 
 
 def test_names_that_clash_in_a_table_of_occurrences_are_refused():

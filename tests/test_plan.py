@@ -628,6 +628,16 @@ def test_bad_input_gives_an_error_of_one_sentence(change, error, message):
     assert str(caught.value).startswith(message)
 
 
+@pytest.mark.parametrize(
+    ("name", "method", "message"),
+    [("duffing", "rkn12", "needs a rhs that ignores v"), ("four_bar", "cd", "does not support constraints")],
+)
+def test_a_method_that_does_not_fit_is_refused_before_the_pilot_runs(name, method, message, monkeypatch):
+    monkeypatch.setattr(eig3.planning.planner, "Pilots", None)
+    with pytest.raises(ValueError, match=message):
+        eig3.plan(getattr(problems, name)(), 1e-3, methods=["rk4", method])
+
+
 def test_energy_must_not_be_zero_at_the_start():
     with pytest.raises(ValueError, match="relative to the energy at the start, which is 0 in hardening_spring"):
         eig3.plan(problems.hardening_spring().with_(u0=0.0, v0=0.0), 1e-3, metric="energy")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.functions.events import Occurrences
+from eig3.result.occurrences import Occurrences
 
 from .conftest import coupled, damped, hardening
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.functions.events import Occurrences
 from eig3.result import storage
 from eig3.result.error_estimate import ErrorEstimate
+from eig3.result.occurrences import Occurrences
 from eig3.result.solution import TRANSIENT
 
 from .conftest import coupled, energy, oscillator, python, structure
@@ -27,6 +27,7 @@ def full_solution():
     """A solution with a value in every field, also such values as no run gives."""
     run = oscillate(invariants={"energy": energy})
     before, after = np.array([[0.5], [-0.5]]), np.array([[0.5], [0.4]])
+    labels = eig3.problems.spring_pendulum().labels
     return dataclasses.replace(
         run,
         status=eig3.Status.TERMINATED,
@@ -36,13 +37,13 @@ def full_solution():
         notes=("One.", 'Two "quoted".'),
         z={"work": run.u**2},
         events={
-            "never": Occurrences(*5 * [np.empty(0)], *2 * [{"work": np.empty(0)}]),
-            "impact": Occurrences(np.array([1.05]), *before, *after, *2 * [{"work": np.array([0.1])}]),
+            "never": Occurrences(*5 * [np.empty(0)], *2 * [{"work": np.empty(0)}], labels=labels),
+            "impact": Occurrences(np.array([1.05]), *before, *after, *2 * [{"work": np.array([0.1])}], labels=labels),
         },
         outputs={"reaction": 3 * run.u, "storey drift": np.stack([run.u, run.v], axis=1)},
         n_rejected=3,
         steps=np.where(run.t > 1, np.nan, 0.1),
-        labels=eig3.problems.spring_pendulum().labels,
+        labels=labels,
         error=ErrorEstimate(
             run.t, 1e-3 * run.u, 1e-3 * run.v, "a run", {"reaction": 0 * run.u}, order=4.0, notes=("So.",)
         ),

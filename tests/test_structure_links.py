@@ -70,6 +70,8 @@ def test_contacts_of_few_steps_are_noted_and_a_growth_by_them_diverges():
     (note,) = coarse.notes
     assert note.startswith("h = 0.0178094 is long for the contacts")
     assert unstable.status is eig3.Status.DIVERGED
+    members = pounding.ensemble(h=limit * np.array([0.1] * 5 + [0.9] * 3))
+    assert members.notes == (f"{note} This is member 5 of the 3 members with such contacts.",)
 
 
 def test_a_structure_with_links_moves_as_the_same_scene():

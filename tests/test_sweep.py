@@ -191,6 +191,27 @@ def test_outputs_are_measured_and_memory_goes_on_after():
     assert whole.measures[1].label(problem.with_(output_units={})) == "largest moments[4]"
 
 
+def test_a_value_of_an_output_is_measured_by_its_name():
+    problem = problems.duffing(t_end=1.0)
+
+    @eig3.jit
+    def write(t, u, v, p, out):
+        out[0], out[1] = u, -2.0 * u
+
+    both = problem.with_(outputs={"both": (write, ("left", "right"))}, output_units={"both": ("m", "N")})
+    named, numbered = (Measure.parse(f"end:both[{value}]") for value in ("right", "1"))
+    members = both.ensemble(u0=[0.5, 1.0], h=0.01, outputs=both.outputs)
+    for measure in (named, numbered):
+        assert measure.function(both) == both.outputs["both"]
+        np.testing.assert_array_equal(measure.of(members, "both", both), -2 * members.u[:, -1])
+    whole = both.with_(outputs={"force[kN]": eig3.jit(lambda t, u, v, p: u)}, output_units={"force[kN]": "kN"})
+    assert Measure.parse("end:force[kN]").label(whole) == "last force[kN] (kN)"
+    assert named.label(both) == "last both[right] (N)"
+    assert Measure.parse("max:both").label(both) == "largest both (m or N)"
+    with pytest.raises(ValueError, match="does not fit: both has the values left, right"):
+        Measure.parse("end:both[rigth]").function(both)
+
+
 def test_a_random_sample_is_reproducible_and_within_its_limits(tmp_path):
     command = "spring_pendulum --set k=60:120 --set theta0=0.1:1:log --random 300 --t-end 0.1 --h 1e-2 --seed"
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
@@ -474,8 +495,17 @@ def test_every_parameter_with_a_dimension_has_its_unit(name):
 
 def test_units_of_the_quantities():
     pendulum, relaxation = problems.spring_pendulum(), problems.van_der_pol()
-    labels = [Measure.parse(text).label(pendulum) for text in ("max:u1", "end:v0", "drift:energy", "max: u1 - u1")]
-    assert labels == ["largest u1 (rad)", "last v0 (m/s)", "drift of energy (J)", "largest u1-u1 (rad)"]
+    labels = [
+        Measure.parse(text).label(pendulum)
+        for text in ("max:u1", "end:v0", "drift:energy", "max: u1 - u1", "min:v1-v0")
+    ]
+    assert labels == [
+        "largest u1 (rad)",
+        "last v0 (m/s)",
+        "drift of energy (J)",
+        "largest u1-u1 (rad)",
+        "smallest v1-v0 (rad/s - m/s)",
+    ]
     assert Measure.parse("peak:v").label(relaxation) == "peak v (1/s)"
     assert eig3.problems.duffing().unit("v") == "m/s"
 

@@ -217,7 +217,7 @@ def test_an_output_for_each_point_is_a_colour():
     film = SimpleNamespace(t=t, u=states, v=np.tile(np.arange(6.0), (5, 1)), clock=(1.0, "s"))
     outputs = {"heat": 2 * t[:, None] + np.arange(3), "load": t[:, None] + np.ones(2), "total": t}
     frames = Frames.of(mechanism, film)
-    look = Look.of(mechanism, SimpleNamespace(t=t, u=states, outputs=outputs))
+    look = Look.of(mechanism, SimpleNamespace(t=t, u=states, outputs=outputs, labels=None))
     (_, unit, speed), (name, _, heat), (other, _, load) = look.colors(frames)
     assert (unit, name, other) == ("m/s", "heat", "load")
     np.testing.assert_allclose(speed, np.tile(np.hypot([0, 2, 4], [1, 3, 5]), (len(frames.t), 1)), rtol=1e-9)

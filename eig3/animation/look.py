@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..functions.checks import reals
+from ..result.labels import Labels
 from .frames import Color, Frames, colored
 
 _KINDS = "main", "all"
@@ -62,7 +63,8 @@ class Look:
             if not np.isfinite(given).all():
                 raise ValueError("color must be finite: give points without a value one at the end of the scale.")
             color, values = "color", {**values, "color": given}
-        units = {}
+        labels = solution.labels or Labels()
+        units = {name: labels.unit_of_values(name, range(np.shape(x)[1])) for name, x in values.items()}
         has_forces = mechanism.velocities is not None and len(mechanism.masses) > 0
         if color == _FORCE not in values and has_forces:
             values[_FORCE], units[_FORCE] = _forces(mechanism, solution, points), "N"

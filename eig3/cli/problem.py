@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..command_line import printing
 from ..named_problem import OWN, builder, reported
 
 
@@ -41,6 +42,6 @@ def integrate(options: argparse.Namespace, command: str, **further: Any) -> int:
 
     build = builder(options.problem, command)
     given = {name: getattr(options, name) for name in ("h", "rtol", "accuracy", "method", "t_end")}
-    with reported(command):
-        solution = run(build, **given, **further)
+    with printing() as write, reported(command):
+        solution = run(build, **given, **further, write=write)
     return 0 if solution.success else 1

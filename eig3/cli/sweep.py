@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from importlib.util import find_spec
 
-from ..command_line import add_out, count
+from ..command_line import add_out, count, printing
 from ..named_problem import builder, reported
 from .problem import add_method_and_end, add_problem
 
@@ -76,9 +76,10 @@ def run(options: argparse.Namespace) -> int:
                 study.check(has_tqdm)
         except KeyboardInterrupt as error:
             interrupt = error
-    report(study, print)
-    if options.out is not None:
-        save(study, options.out, print)
+    with printing() as write:
+        report(study, write)
+        if options.out is not None:
+            save(study, options.out, write)
     if interrupt:
         raise interrupt
     return 0 if any(study.completed) else 1

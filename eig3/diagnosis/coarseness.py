@@ -8,13 +8,14 @@ modes contribute little.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
-from ..functions.events import Occurrences
+from ..functions.events import EffectEvent, Event
 from ..methods import Method
+from ..result.occurrences import is_jump
 from ..stability import limit
 from ..stepping.stepper import Stepper
 
@@ -44,22 +45,54 @@ def coarseness(stepper: Stepper, u: np.ndarray | None) -> str:
     return _few(stepper.h, theta, "end", "") if theta > _most(stepper.method) else ""
 
 
-def coarse_events(h: float, events: Mapping[str, Occurrences]) -> str:
+def links_of(events: Mapping[str, Event]) -> list[str]:
+    """Return the names of the events of links."""
+    return [name for name, event in events.items() if isinstance(event, EffectEvent)]
+
+
+def coarse_events(h: np.ndarray, events: Mapping[str, Any], links: Iterable[str], first: int = 0) -> str:
     """Describe a step that is too long between two events of the same link; empty if it is short enough.
 
     A spring behind a gap pushes for half a period of its vibration. A step that is stable while it stays closed may
-    add energy in each contact, because some contacts have one evaluation more than others.
+    add energy in each contact, because some contacts have one evaluation more than others. An event that changes the
+    state is no such contact.
+
+    Parameters
+    ----------
+    h : ndarray, shape (m,)
+        The step of each member, or of a run.
+    events : dict of str to Occurrences or MemberOccurrences
+    links : iterable of str
+        The names of the events of links.
+    first : int
+        The number of the first member.
     """
-    steps = {name: np.quantile(np.diff(found.t), 0.25) / h for name, found in events.items() if len(found) >= _CONTACTS}
-    name = min(steps, key=lambda name: steps[name], default="")
-    if not name or steps[name] >= _FEW / 2:
+    steps = {name: _steps_between(h, events[name]) for name in links if not is_jump(events[name]).any()}
+    name = min(steps, key=lambda name: steps[name].min(), default="")
+    if not name or not (few := steps[name] < _FEW / 2).any():
         return ""
-    half = _SUFFICIENT / 2
+    i, half = int(steps[name].argmin()), _SUFFICIENT / 2
+    wanted = h[i] * steps[name][i] / half
+    whose = f" This is member {first + i} of the {few.sum()} members with such contacts." if len(h) > 1 else ""
     return (
-        f"h = {h:g} is long for the contacts: a quarter of the events of {name!r} follows the event before within "
-        f"{steps[name]:.2g} steps, and each contact may add energy. Take h = {h * steps[name] / half:.2g} for {half:g} "
-        "steps in a contact."
+        f"h = {h[i]:g} is long for the contacts: a quarter of the events of {name!r} follows the event before "
+        f"within {steps[name][i]:.2g} steps, and each contact may add energy. Take h = {wanted:.2g} "
+        f"for {half:g} steps in a contact.{whose}"
     )
+
+
+def _steps_between(h: np.ndarray, found: Any) -> np.ndarray:
+    """Return the lower quartile of the steps between the events of each member; infinity with few events."""
+    member = getattr(found, "member", np.zeros(len(found), dtype=np.int64))
+    is_same = member[1:] == member[:-1]
+    between, of = np.diff(found.t)[is_same], member[1:][is_same]
+    between, counts = between[np.lexsort((between, of))], np.bincount(of, minlength=len(h))
+    many = np.flatnonzero(counts >= _CONTACTS - 1)
+    places, shares = np.divmod(0.25 * (counts[many] - 1), 1.0)
+    low = (np.cumsum(counts) - counts)[many] + places.astype(np.intp)
+    steps = np.full(len(h), np.inf)
+    steps[many] = ((1 - shares) * between[low] + shares * between[low + 1]) / h[many]
+    return steps
 
 
 def _theta(u: np.ndarray) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..result import storage
 from ..result.mapped import check_directory
+from ..result.occurrences import labelled
 from ..result.soundness import check_ensemble
 from ..result.status import Status
 from .member_errors import MemberErrors
@@ -110,7 +111,7 @@ def _loaded(kind: type, fields: Mapping[str, Any]) -> Any:
     if len(t) == 1 < len(u):  # the times of all members
         fields = {**fields, "t": np.broadcast_to(t, u.shape[:2])}
     check_ensemble(fields, MemberOccurrences)
-    solution = kind(**fields)
+    solution = kind(**fields | {"events": labelled(fields["events"], fields["labels"])})
     if kept is not None:
         solution.error = MemberErrors.loaded(solution, kept, partial(_loaded, kind))
     return solution

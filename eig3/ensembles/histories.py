@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..kernels.protocol import SCALAR, TERMINAL
 from ..result.columns import OF_RUNS, each
 from ..result.memory import check_members_history, n_rows
+from ..result.occurrences import Occurrences
 from ..result.solution import Solution, Status, whole_rows
 from ..run.chunks import ended_by_event
 from ..stepping.followed import n_invariants, spacing_of
@@ -261,7 +261,8 @@ class Histories:
     ) -> EnsembleSolution:
         """Return the result of the ensemble, or of its part."""
         rows = slice(self._longest)
-        none = self._separated(Occurrences(np.empty(0), *(self.shaped(np.empty((4, 0, self.members.n))))))
+        none = Occurrences(np.empty(0), *self.shaped(np.empty((4, 0, self.members.n))), labels=self.options.labels)
+        none = self._separated(none)
         extremes = {name: each(partial(self._valued, name), x) for name, x in self.extremes.items()}
         solution = EnsembleSolution(
             **{name: getattr(self, name) for name in OF_RUNS} | {"extremes": extremes},

@@ -23,7 +23,9 @@ from .members import Members
 from .parts import Joined, Listed, Recipe, Results, parts_of
 from .recipe import differing, marks, restored
 from .shipping import check_executor, march_parts
+from .single_members import Singles
 from .solution import EnsembleSolution, Reduce
+from .step_notes import add_step_notes
 
 
 def run_in_parts(
@@ -49,7 +51,10 @@ def run_in_parts(
         results = joined = Joined(start, place)
         left = joined.left(parts)
     recipe = Recipe(partial(_march, rhs, options), reduce)
-    return march_parts(left, recipe, results, executor, threads, progress, cancel)
+    found = march_parts(left, recipe, results, executor, threads, progress, cancel)
+    if reduce is None:
+        add_step_notes(found, Singles(rhs, members, options), members, options)
+    return found
 
 
 def _march(rhs: Any, options: RunOptions, members: Members, threads: int, cancel: Cancel | None) -> EnsembleSolution:

@@ -29,6 +29,7 @@ from .lanewise import in_lanes
 from .members import Members
 from .single_members import Alone, Singles
 from .solution import EnsembleSolution
+from .step_notes import add_step_notes
 
 _ALONE = 16  # members in a task that runs them one at a time
 _PIECES = 4  # tasks for each thread, with tolerances
@@ -99,6 +100,8 @@ class Run:
                 with alone():
                     self._march(Stop(interrupt, cancel), bar)
                 solution = self.solution()
+            if not self.is_part:
+                add_step_notes(solution, self._single, self.members, self.options)
         except BaseException as error:  # raised by rhs, or after Ctrl-C
             with DeferredInterrupt() as again:
                 error.solution = self.solution()  # type: ignore[attr-defined]
@@ -142,7 +145,7 @@ class Run:
 
     def solution(self) -> EnsembleSolution:
         """Return the results so far."""
-        seconds = sum(work.seconds for work in self.work)
+        seconds = sum([work.seconds for work in self.work])
         again = None if self.is_part else partial(_again, self.rhs, self.members, self.options)
         given = self.rhs, self.members, self.options, self.histories
         return _result(*given, seconds, self.notes, again=again)

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..functions.events import Occurrences, table_of
+from ..result import frames
 from ..result.columns import each
+from ..result.labels import Labels
+from ..result.occurrences import Occurrences
 
 _STATES = "u", "v", "u_after", "v_after", "z", "z_after"
 
@@ -32,6 +34,8 @@ class MemberOccurrences:
         The time of the first occurrence in each member; NaN if there is none.
     z, z_after : dict of str to ndarray
         First-order unknowns before and after `apply`, by the names of z0.
+    labels : Labels or None
+        The names and units of the degrees of freedom, as in the ensemble.
     """
 
     member: np.ndarray
@@ -43,6 +47,7 @@ class MemberOccurrences:
     first: np.ndarray
     z: dict[str, np.ndarray] = field(default_factory=dict)
     z_after: dict[str, np.ndarray] = field(default_factory=dict)
+    labels: Labels | None = None
 
     @classmethod
     def joined(cls, m: int, none: Occurrences, some: Sequence[tuple[np.ndarray, Occurrences]]) -> MemberOccurrences:
@@ -58,19 +63,20 @@ class MemberOccurrences:
             states[name] = each(lambda *x: np.concatenate(x)[order], *(getattr(found, name) for found in parts))
         first = np.full(m, np.nan)
         first[member[::-1]] = t[::-1]  # the first occurrence is written last
-        return cls(member, t, first=first, **states)
+        return cls(member, t, first=first, **states, labels=none.labels)
 
     def __len__(self) -> int:
         return len(self.t)
 
     def to_pandas(self) -> Any:
         """Return a `pandas.DataFrame` with a row for each occurrence: its member, its time, and the states."""
-        return table_of({"member": self.member, "t": self.t}, self)
+        return frames.occurrences_to_pandas(self, member=self.member, t=self.t)
 
     def of_member(self, i: int) -> Occurrences:
         """Return the occurrences in member i."""
         chosen = slice(*np.searchsorted(self.member, [i, i + 1]))
-        return Occurrences(*(each(lambda x: x[chosen], getattr(self, name)) for name in ("t", *_STATES)))
+        states = (each(lambda x: x[chosen], getattr(self, name)) for name in ("t", *_STATES))
+        return Occurrences(*states, labels=self.labels)
 
     def with_part(self, part: MemberOccurrences, first: int) -> MemberOccurrences:
         """Return these occurrences together with the occurrences of a part that begins with member `first`."""
@@ -85,4 +91,5 @@ class MemberOccurrences:
             joined(self.t, part.t),
             first=np.concatenate([self.first[:first], part.first, self.first[end:]]),
             **{name: each(joined, getattr(self, name), getattr(part, name)) for name in _STATES},
+            labels=self.labels,
         )

@@ -33,20 +33,20 @@ class Singles:
     """
 
     def __init__(self, rhs: Any, members: Members, options: RunOptions, **changes: Any) -> None:
-        self._rhs, self._members, self._options = rhs, members, options._replace(**changes)
+        self.rhs, self._members, self._options = rhs, members, options._replace(**changes)
         self._shared: Prepared | None = None
 
     @cached_property
     def plain(self) -> Singles:
         """The single runs without events, invariants and outputs."""
         none: dict[str, Any] = {"save_every": None, "t_eval": None, "events": {}, "functions": Functions({}, {})}
-        return Singles(self._rhs, self._members, self._options, **none)
+        return Singles(self.rhs, self._members, self._options, **none)
 
     @cached_property
     def longest(self) -> np.ndarray:
         """The longest step of each member that jumps over no load of a record, shape (m,)."""
         members = self._members
-        return np.broadcast_to(shortest_loads(self._rhs, members.params, members.own) / 2, len(members))
+        return np.broadcast_to(shortest_loads(self.rhs, members.params, members.own) / 2, len(members))
 
     def prepared(self, i: int) -> Prepared:
         """Return the prepared run of member i, which all members share if they have the same step and no noise."""
@@ -63,7 +63,7 @@ class Singles:
         return self.prepared(i).member(self._members.t_span, *self._members.start(i), cancel, float(self.longest[i]))
 
     def _prepared(self, h: float | None, method: Method) -> Prepared:
-        return Prepared(self._rhs, self._members.form, self._options._replace(h=h, method=method))
+        return Prepared(self.rhs, self._members.form, self._options._replace(h=h, method=method))
 
 
 class Alone:

@@ -29,7 +29,7 @@ from ..notebook import of_repr
 from ..result import frames
 from ..result.columns import OF_RUNS, OF_STATES, each
 from ..result.labels import Labels
-from ..result.solution import Reason, Solution, Status
+from ..result.solution import Reason, Solution, Status, drifts
 from ..stepping.march import Cancel
 from . import files
 from .occurrences import MemberOccurrences
@@ -455,10 +455,7 @@ class EnsembleSolution:
             f"  {self.kernel_seconds:.3g} s in the kernels ({1e9 * self.kernel_seconds / max(1, total):.3g} ns a step "
             "and member)",
         ]
-        evaluated = int(self.n_invariants.sum())
-        some = f" (at {evaluated:,} of {total:,} steps)" * (evaluated < total)
-        word = "change" if self.method.is_stochastic else "drift"
-        lines += [f"  {word} of {name}: at most {np.max(values):.4g}{some}" for name, values in self.drift.items()]
+        lines += drifts(self, "at most ")
         lines += [f"  {self.error!r}"] * (self.error is not None)
         lines += [f"  Note: {note}" for note in self.notes]
         return "\n".join(lines)

@@ -383,7 +383,7 @@ def _unit(problem: Problem, series: Series) -> str:
     """Return the unit of a series; empty if it is not known."""
     if series.group in ("u", "v"):
         return problem.unit(series.group, series.column or 0)
-    return problem.output_units.get(series.key, "") if series.group == "outputs" else ""
+    return problem.labels.output_unit(series.key, series.column or 0) if series.group == "outputs" else ""
 
 
 def _with_error(name: str, value: float, error: float) -> str:

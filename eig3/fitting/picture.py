@@ -49,7 +49,7 @@ def save(
     for i, each in enumerate(series):
         _motion(panels[2 * i], each, run.t, each.of(run), units[each.name])
         _residuals(panels[2 * i + 1], each, residuals[each.name], units[each.name])
-    panels[-1].set_xlabel("t (s)")
+    panels[-1].set_xlabel(with_unit("t", run.labels.time if run.labels else "s"))
     figure.align_ylabels()
     figure.suptitle(textwrap.fill(title.replace("+-", "\N{PLUS-MINUS SIGN}"), _WIDTH), fontsize=10, parse_math=False)
     figure.savefig(path, dpi=130)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..keywords import with_suggestions
-from .checks import check_names, distinct, shown
+from .checks import check_names, shown
 
 
 @with_suggestions()
@@ -89,88 +89,6 @@ class EffectEvent(Event):
     def follows_resets(self) -> bool:
         """Whether a reset of another event causes it too."""
         return self.is_of_state and bool(self.rule or self.turns)
-
-
-@dataclass(frozen=True, eq=False)
-class Occurrences:
-    """The occurrences of an event in a run.
-
-    Attributes
-    ----------
-    t : ndarray, shape (k,)
-        The times of the occurrences.
-    u, v : ndarray, shape (k,) or (k, n)
-        The states before the `apply` of the event.
-    u_after, v_after : ndarray, shape (k,) or (k, n)
-        The states after `apply`; the same as u and v if the event has no `apply`.
-    z, z_after : dict of str to ndarray
-        First-order unknowns before and after `apply`, by the names of z0.
-    """
-
-    t: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-    u_after: np.ndarray
-    v_after: np.ndarray
-    z: dict[str, np.ndarray] = field(default_factory=dict)
-    z_after: dict[str, np.ndarray] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def separated(self, unknowns: Any) -> Occurrences:
-        """Return the occurrences with the `FirstOrder` unknowns, which are the last degrees of freedom, as z."""
-        u, v, z = unknowns.separated(self.u, self.v)
-        u_after, v_after, z_after = unknowns.separated(self.u_after, self.v_after)
-        return Occurrences(self.t, u, v, u_after, v_after, z, z_after)
-
-    @property
-    def jumps(self) -> Occurrences:
-        """The occurrences at which `apply` changed the state."""
-        pairs = (
-            (self.u, self.u_after),
-            (self.v, self.v_after),
-            *zip(self.z.values(), self.z_after.values(), strict=True),
-        )
-        some = np.zeros(len(self), dtype=bool)
-        for before, after in pairs:
-            some |= (before != after).any(axis=tuple(range(1, before.ndim)))
-        return self.map(lambda x: x[some])
-
-    def map(self, function: Callable[[np.ndarray], np.ndarray]) -> Occurrences:
-        """Return the occurrences with ``function(x)`` for each array x."""
-        t, u, v, u_after, v_after = map(function, (self.t, self.u, self.v, self.u_after, self.v_after))
-        z, z_after = ({name: function(x) for name, x in each.items()} for each in (self.z, self.z_after))
-        return Occurrences(t, u, v, u_after, v_after, z, z_after)
-
-    def to_pandas(self) -> Any:
-        """Return a `pandas.DataFrame` with a row for each occurrence: its time, and the states before and after."""
-        return table_of({"t": self.t}, self)
-
-
-def table_of(columns: dict[str, np.ndarray], found: Any) -> Any:
-    """Return a `pandas.DataFrame` with some columns and the states of occurrences.
-
-    Raises
-    ------
-    ImportError
-        If pandas is not installed.
-    ValueError
-        If two columns have the same name.
-    """
-    try:
-        import pandas
-    except ImportError:
-        raise ImportError("to_pandas needs pandas: pip install 'eig3[pandas]'.") from None
-    named = [*columns.items()]
-    for after in ("", "_after"):
-        for letter in "uv":
-            values = getattr(found, letter + after)
-            named += ((f"{letter}{j}{after}", x) for j, x in enumerate(np.atleast_2d(values.T)))
-        for name, values in getattr(found, "z" + after).items():
-            wide = [(name, values)] if values.ndim == 1 else [(f"{name}[{j}]", x) for j, x in enumerate(values.T)]
-            named += ((f"{key}{after}", x) for key, x in wide)
-    return pandas.DataFrame(distinct(named))
 
 
 def check_events(events: Any) -> dict[str, Event]:

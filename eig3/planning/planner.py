@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..functions.checks import check_method
+from ..functions.checks import check_method, check_params
 from ..functions.companions import constraints_of
 from ..kernels.compile.interrupt import with_solution
 from ..keywords import with_suggestions
@@ -265,6 +265,9 @@ def plan(
     for method in records:
         if method.is_stochastic:
             raise ValueError(f"methods must be deterministic, and {method!r} adds random numbers: leave it out.")
+        if not _for(problem, [method]):  # it is refused before the pilot runs, unless the force only seems to read v
+            prepared = problem.prepare(h=problem.t_span[1] - problem.t_span[0], method=method, invariants={}, events={})
+            prepared.at_start(problem.t_span, *problem.start, check_params(problem.params))
     pilots = Pilots(problem, metric, _AIM[metric] * accuracy)
     first = guide(pilots)
     if isinstance(first, str):

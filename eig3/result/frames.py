@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import collections
 import importlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -14,15 +14,22 @@ from .labels import Labels
 
 _OF_EXTREMES = "minimum", "time of minimum", "maximum", "time of maximum", "peak"
 _LONGEST = 24  # values of a parameter with columns: a record of the ground has none
-_PLAIN = Labels()  # of degrees of freedom without names
+_PLAIN = Labels(units="")  # of degrees of freedom without names
+
+Column = tuple[str, np.ndarray, str]  # its name, its values and its unit
 
 
 def to_pandas(solution: Any) -> Any:
     """Return a `Solution` as a DataFrame, as `Solution.to_pandas` describes."""
     pandas = _module("pandas")
-    frame = pandas.DataFrame(distinct(_columns(solution)), index=pandas.Index(solution.t, name="t"))
-    frame.attrs.update(_attributes(solution), units=_named_units(solution))
+    frame = _frame(_columns(solution), pandas.Index(solution.t, name="t"))
+    frame.attrs.update(_attributes(solution))
     return frame
+
+
+def occurrences_to_pandas(found: Any, **keys: np.ndarray) -> Any:
+    """Return the occurrences of an event as a DataFrame, after the columns `keys`."""
+    return _frame([*((name, x, "") for name, x in keys.items()), *_columns(found), *_columns(found, "_after")])
 
 
 def to_xarray(solution: Any) -> Any:
@@ -32,9 +39,9 @@ def to_xarray(solution: Any) -> Any:
 
 def ensemble_to_pandas(solution: Any) -> Any:
     """Return an `EnsembleSolution` as a DataFrame, as `EnsembleSolution.to_pandas` describes."""
-    pandas, table = _module("pandas"), solution._table()
-    frame = pandas.DataFrame(distinct([("member", table.member), ("t", table.t), *_columns(table)]))
-    frame.attrs.update(method=repr(solution.method), units=_named_units(table))
+    table = solution._table()
+    frame = _frame([("member", table.member, ""), ("t", table.t, ""), *_columns(table)])
+    frame.attrs.update(method=repr(solution.method))
     return frame
 
 
@@ -64,7 +71,7 @@ def _of_members(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
     members = solution.first + np.arange(len(solution))
     first, end = (np.searchsorted(table.member, members, side=side) for side in ("left", "right"))
     has_states = first < end  # t_eval may begin after the end of a member
-    for name, column in (("t", table.t), *_columns(table)):
+    for name, column, _ in (("t", table.t, ""), *_columns(table)):
         last = np.full(len(members), np.nan)
         last[has_states] = column[end[has_states] - 1]
         yield name, last
@@ -127,31 +134,32 @@ def _attributes(solution: Any) -> dict[str, Any]:
     return {"status": status, "message": solution.message, "method": method, "h": solution.h}
 
 
-def _columns(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the name and the values of each column."""
+def _frame(columns: Iterable[Column], index: Any = None) -> Any:
+    """Return a DataFrame of columns, with the known units by column in its attribute "units"."""
+    named = [*columns]
+    frame = _module("pandas").DataFrame(distinct((name, values) for name, values, _ in named), index=index)
+    frame.attrs["units"] = {name: unit for name, _, unit in named if unit}
+    return frame
+
+
+def _columns(states: Any, after: str = "") -> Iterator[Column]:
+    """Yield each column of the states of a solution, or of occurrences before or "_after" the event."""
+    labels = states.labels or _PLAIN
     for letter in "uv":
-        values = getattr(solution, letter)
-        values = values[:, None] if values.ndim == 1 else values
-        labels = solution.labels or _PLAIN
-        for i, column in enumerate(values.T):
-            yield labels.name(letter, i), column
-    for name, values in (*solution.outputs.items(), *solution.z.items()):
-        yield from _named(solution, name, values)
+        for i, values in enumerate(np.atleast_2d(getattr(states, letter + after).T)):
+            yield labels.name(letter, i) + after, values, labels.unit(letter, i)
+    for name, values in (*getattr(states, "outputs", {}).items(), *getattr(states, "z" + after).items()):
+        for i, (key, column) in enumerate(_named(states, name, values)):
+            yield key + after, column, labels.output_unit(name, i)
 
 
-def _named(solution: Any, name: str, values: np.ndarray, what: str = "") -> Iterator[tuple[str, np.ndarray]]:
+def _named(states: Any, name: str, values: np.ndarray, what: str = "") -> Iterator[tuple[str, np.ndarray]]:
     """Yield the columns of an output or of z: its name, with the name or the number of each of several values."""
     if values.ndim == 1:
         yield what + name, values
     else:
-        labels = (solution.labels or _PLAIN).values(name, values.shape[1])
+        labels = (states.labels or _PLAIN).values(name, values.shape[1])
         yield from ((f"{what}{name}[{label}]", column) for label, column in zip(labels, values.T, strict=True))
-
-
-def _named_units(solution: Any) -> dict[str, str]:
-    """Return the unit of each displacement and velocity by name; an empty dict if the units are not known."""
-    units = _units(solution.labels, solution.u.shape[1] if solution.u.ndim > 1 else 1)
-    return {solution.labels.name(letter, i): unit for letter in units for i, unit in enumerate(units[letter])}
 
 
 def _units(labels: Labels | None, n: int) -> dict[str, list[str]]:
@@ -184,7 +192,12 @@ def _dataset(
     dims = (*axes, "dof") if has_degrees else axes
     variables = [*((x, (dims, getattr(solution, x), common.get(x, {}))) for x in "uv"), *further.items()]
     for name, values in (*solution.outputs.items(), *solution.z.items()):
-        variables.append((name, (axes if values.ndim == len(axes) else (*axes, f"{name} component"), values)))
+        has_one, component = values.ndim == len(axes), f"{name} component"
+        of_all = [labels.output_unit(name, i) for i in range(1 if has_one else values.shape[-1])]
+        attributes_of = {"units": of_all[0]} if of_all[0] and len({*of_all}) == 1 else {}
+        if len({*of_all}) > 1:
+            coordinates[f"unit_of_{name}"] = component, of_all
+        variables.append((name, (axes if has_one else (*axes, component), values, attributes_of)))
     coordinates |= {f"{name} component": list(values) for name, values in labels.columns}
     dataset = xarray.Dataset(distinct([*coordinates.items(), *variables]), attrs=attributes)
     return dataset.set_coords([*coordinates])

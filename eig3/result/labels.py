@@ -1,8 +1,8 @@
-"""Names and units of degrees of freedom, and names of the values of outputs."""
+"""Names and units of degrees of freedom and of the values of outputs."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 
@@ -25,12 +25,18 @@ class Labels:
         The layout of named parameters, as `Layout.text`.
     columns : tuple of (str, tuple of str)
         Each output whose values have names, and these names.
+    output_units : tuple of (str, str or tuple of str)
+        Each output whose unit is known, and the unit of all its values, or of each value.
+    time : str
+        The unit of the time: "s", or "-" for a dimensionless number.
     """
 
     names: tuple[str, ...] = ()
     units: str | tuple[str, ...] = "m"
     layout: str = ""
     columns: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    output_units: tuple[tuple[str, str | tuple[str, ...]], ...] = ()
+    time: str = "s"
 
     @classmethod
     def of(cls, labels: Labels | None, columns: tuple[tuple[str, tuple[str, ...]], ...]) -> Labels | None:
@@ -54,4 +60,22 @@ class Labels:
     def unit(self, letter: str, i: int = 0) -> str:
         """Return the unit of "u" or "v" in the degree of freedom i."""
         unit = self.units if isinstance(self.units, str) else self.units[i]
-        return unit if letter == "u" or not unit else f"{'1' if unit == '-' else unit}/s"
+        if letter == "u" or not unit or unit == self.time == "-":
+            return unit
+        return f"{'1' if unit == '-' else unit}/s"
+
+    @property
+    def second(self) -> str:
+        """What follows a number of seconds: " s", or nothing for a dimensionless time."""
+        return "" if self.time == "-" else f" {self.time}"
+
+    def output_unit(self, output: str, i: int = 0) -> str:
+        """Return the unit of the value i of an output, if it is known."""
+        unit = dict(self.output_units).get(output, "")
+        if isinstance(unit, str):
+            return unit
+        return unit[i] if i < len(unit) else ""
+
+    def unit_of_values(self, output: str, places: Iterable[int]) -> str:
+        """Return the unit of some values of an output, such as "N", or "N or N m"."""
+        return " or ".join(filter(None, dict.fromkeys(self.output_unit(output, i) for i in places)))

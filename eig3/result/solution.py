@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import reals
-from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..functions.first_order import FirstOrder, flat
 from ..kernels.compile.interrupt import keeping, with_solution
@@ -26,6 +25,7 @@ from . import frames, storage
 from .error_estimate import ErrorEstimate
 from .interpolation import Knots
 from .labels import Labels
+from .occurrences import Occurrences, labelled
 from .resampling import resampled
 from .resolution import Resolution
 from .soundness import check_run
@@ -612,15 +612,21 @@ class Solution:
             f"  {self.n_rhs} evaluations{f', {self.n_iterations} iterations' * (self.n_iterations > 0)}, "
             f"{self.kernel_seconds:.3g} s in the kernel ({per_step:.3g} ns a step)",
         ]
-        some = f" (at {self.n_invariants:,} of {self.n_steps:,} steps)" * (self.n_invariants < self.n_steps)
-        word = "change" if self.method.is_stochastic else "drift"  # a thermostat does not keep the energy
-        lines += [f"  {word} of {name}: {value:.4g}{some}" for name, value in self.drift.items()]
+        lines += drifts(self)
         lines += [f"  {self.message}"] * (not self.success)
         lines += [f"  {self.error}"] * (self.error is not None)
         lines += [f"  Note: {note}" for note in (*self.notes, *(self.error.notes if self.error else ()))]
         return "\n".join(lines)
 
     _repr_html_ = of_repr
+
+
+def drifts(solution: Any, most: str = "") -> list[str]:
+    """Return a line with the drift of each invariant of a solution, or after the word `most` its largest in members."""
+    evaluated, total = int(np.sum(solution.n_invariants)), int(np.sum(solution.n_steps))
+    some = f" (at {evaluated:,} of {total:,} steps)" * (evaluated < total)
+    word = "change" if solution.method.is_stochastic else "drift"  # a thermostat does not keep the energy
+    return [f"  {word} of {name}: {most}{np.max(value):.4g}{some}" for name, value in solution.drift.items()]
 
 
 #: The functions that compute the default values of fields.
@@ -630,7 +636,7 @@ _EMPTY = {each.name: each.default_factory for each in dataclasses.fields(Solutio
 def _loaded(fields: dict[str, Any]) -> Solution:
     """Return the solution with the fields of a file."""
     check_run(fields)
-    return Solution._of(fields, {})
+    return Solution._of(fields | {"events": labelled(fields["events"], fields["labels"])}, {})
 
 
 storage.KINDS[storage.RUN] = _loaded

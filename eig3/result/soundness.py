@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..methods import Method
 from .columns import ANY, COLUMNS, DEGREES, Column
 from .error_estimate import ErrorEstimate
 from .labels import Labels
+from .occurrences import Occurrences
 from .status import Status
 
 Test = Callable[[Any], bool]
@@ -187,9 +187,12 @@ def _are_named(is_one: Test, x: Any) -> bool:
 
 
 def _are_labels(x: Any) -> bool:
-    if not isinstance(x, Labels) or not (_are_texts(x.names) and (isinstance(x.units, str) or _are_texts(x.units))):
+    if not isinstance(x, Labels) or not (
+        _are_texts((*x.names, x.time)) and (isinstance(x.units, str) or _are_texts(x.units))
+    ):
         return False
-    return all(isinstance(name, str) and _are_texts(values) for name, values in x.columns)
+    named = *x.columns, *((name, (unit,) if isinstance(unit, str) else unit) for name, unit in x.output_units)
+    return all(isinstance(name, str) and _are_texts(texts) for name, texts in named)
 
 
 _IS_ONE: dict[type, Test] = {

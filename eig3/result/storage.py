@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..functions.first_order import NONE, FirstOrder
 from ..methods import METHODS, Method, shown
@@ -25,6 +24,7 @@ from .columns import OF_STATES, ROWS
 from .error_estimate import ErrorEstimate
 from .labels import Labels
 from .mapped import DamagedFileError, MappedRows, check_directory, output_files, read_mapped
+from .occurrences import Occurrences
 from .status import Status
 
 _VERSION = 7  # increase it with every change that another version would misread; each 1.x reads 7 and later
@@ -325,7 +325,8 @@ def _method_class(name: str, qualname: str) -> Any:
 def _fields(record: Any) -> dict[str, Any]:
     if isinstance(record, Extremes):
         return record._asdict()
-    return {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
+    names = (field.name for field in dataclasses.fields(record))
+    return {name: getattr(record, name) for name in names if name != "labels"}  # of occurrences: of their solution
 
 
 def _value(plain: Any, arrays: Mapping[str, np.ndarray]) -> Any:

@@ -9,13 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnosis.coarseness import coarse_events, coarseness
-from ..diagnosis.critical import NoStableStepError, critical
+from ..diagnosis.coarseness import coarse_events, coarseness, links_of
 from ..diagnosis.divergence import Divergence, find_blow_up, find_divergence
 from ..diagnosis.heat import heat
-from ..diagnosis.stiffness import VERY_MANY_STEPS
 from ..functions.checks import check_count, check_resolution, check_time
-from ..functions.events import EffectEvent
 from ..functions.guard import guarded
 from ..functions.records import jump_note, jumps, shortest_loads
 from ..kernels.protocol import FAILED, SCALAR
@@ -34,10 +31,9 @@ from ..stepping.threads import side_by_side
 from .chunks import Run, compared
 from .growth import Growth
 from .history import History
+from .instability import has_grown, instability
 from .progress import check_progress
 
-_MOST_DEGREES = 200  # for which the stability of first-order unknowns is looked at
-_GROWN = 10.0  # a motion that grows by this factor may be unstable
 _LARGEST_GRADE = 7  # with a higher grade of EIG and a force that reads the velocity, a note advises against it
 
 
@@ -302,11 +298,10 @@ class FixedRun(Run):
         return coarseness(stepper, self.saved["u"][: stepper.index + 1] if has_all and self.saved else None)
 
     def _contacts(self) -> str:
-        """Describe a step that is too long for the contacts of links, whose events change the force alone."""
+        """Describe a step that is too long for the contacts of links."""
         stepper = self.stepper
-        links = [name for name, event in stepper.system.events.items() if isinstance(event, EffectEvent)]
-        found = stepper.look.occurrences() if stepper.look and links else {}
-        return coarse_events(stepper.h, {name: found[name] for name in links if not len(found[name].jumps)})
+        links, look = links_of(stepper.system.events), stepper.look
+        return coarse_events(np.array([stepper.h]), look.occurrences(), links) if links and look else ""
 
     def _instability(self) -> str:
         """Describe a step that is unstable at the start of a system with first-order unknowns, or of one that grew.
@@ -315,29 +310,9 @@ class FixedRun(Run):
         oscillation then grows slowly with every step, as with gyroscopic forces.
         """
         stepper = self.stepper
-        may_grow = stepper.system.first_order.is_read or self._has_grown()
-        if not may_grow or stepper.n > _MOST_DEGREES:
-            return ""
-        try:
-            limit = critical(stepper.acceleration, stepper.t0, *stepper.start, stepper.running).limit
-        except NoStableStepError as error:
-            return str(error)
-        except ValueError:  # nothing limits the step
-            return ""
-        if stepper.h <= limit:
-            return ""
-        return (
-            f"h = {stepper.h:.4g} is longer than the critical step {limit:.4g} of {stepper.running!r} at the start: "
-            "take a shorter step, or RK4."
-        )
-
-    def _has_grown(self) -> bool:
-        """Whether a long motion with forces that read the velocity is several times larger than at its start."""
-        stepper = self.stepper
-        if stepper.index < VERY_MANY_STEPS or not stepper.system.callback.reads_velocity:
-            return False
-        before = stepper.middle_sizes or stepper.first_sizes
-        return any(end > _GROWN * size > 0 for end, size in zip(stepper.sizes, before, strict=False))
+        given = stepper.index, stepper.sizes, stepper.middle_sizes or stepper.first_sizes[:2]
+        may_grow = stepper.system.first_order.is_read or has_grown(stepper.system, *given)
+        return instability(stepper, stepper.index) if may_grow else ""
 
     def _total(self) -> tuple[int, str]:
         return self.n_steps - self.stepper.index, "step"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 from os import PathLike
 from typing import Any
@@ -33,13 +32,9 @@ from .growth import OVERFLOWING
 from .history import FIRST_ROWS, History
 from .progress import check_progress
 
-_OF_HISTORY = (
-    "The springs between grains are of a low order in the step, which the tolerance does not see: the error may be "
-    "several times as large; give h in place of rtol."
-)
 _NO_BOUND = (
-    "rtol does not bound the errors of the springs between grains, whose order in the step is low: give h in place of "
-    "rtol, with check=True."
+    "rtol does not bound the errors of the springs between grains, whose order in the step is low, and their estimate "
+    "may be several times too small: give h in place of rtol, with check=True."
 )
 _NAMED = 5  # degrees of freedom that a note names
 _LONGER = 4  # a run counts as short if it takes at most this many times as long as the last run
@@ -118,8 +113,7 @@ class VariableRun(Run):
         if not coarse:
             return estimate(solution, fine(cancel), None)
         both = side_by_side(fine, coarse[0], self.stepper.system, solution.kernel_seconds, cancel)
-        error = estimate(solution, *both)
-        return replace(error, notes=(*error.notes, _OF_HISTORY)) if self.stepper.system.history else error
+        return estimate(solution, *both)
 
     def error_by(self, coarser: float, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
         return estimate(solution, self._companion(solution, 1 / RATIO, cancel), None, coarser)

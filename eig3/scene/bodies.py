@@ -45,8 +45,8 @@ class Rigid(Constraint):
     def equations(self, points: list[np.ndarray], values: dict[str, Any]) -> list[Equation]:
         d = len(points)
         units = [(np.eye(d)[k], np.zeros(d)) for k in range(d)]
-        lengths = [Equation(unit, unit, 0.5, 1.0) for unit in units]
-        return lengths + [Equation(units[i], units[j], 1.0, 0.0) for i in range(d) for j in range(i)]
+        lengths = [Equation(unit, unit, 0.5, 1.0, "N m") for unit in units]
+        return lengths + [Equation(units[i], units[j], 1.0, 0.0, "N m") for i in range(d) for j in range(i)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Perpendicular(Constraint):
 
     def equations(self, points: list[np.ndarray], values: dict[str, Any]) -> list[Equation]:
         zero = np.zeros(len(points[0]))
-        return [Equation(((1.0, 0.0), zero), ((0.0, 1.0), zero), 1.0, float(points[0] @ points[1]))]
+        return [Equation(((1.0, 0.0), zero), ((0.0, 1.0), zero), 1.0, float(points[0] @ points[1]), "N m")]
 
 
 @dataclass(frozen=True, eq=False)

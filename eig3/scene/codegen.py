@@ -104,13 +104,20 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
     if assembly.rates:
         for name in functions.keys() & {"rhs", "energy", "reactions"}:
             functions[name].py_func.reads_z = True  # it takes first-order unknowns in the form of kernels
+    reactions = assembly.constraints
     return {
         "rhs": functions["rhs"],
         "energy": functions.get("energy"),
         "events": writing.events_of(functions, assembly.events),
-        "outputs": {"reactions": (functions["reactions"], assembly.constraints.rows)} if assembly.constraints else {},
+        "outputs": {"reactions": (functions["reactions"], reactions.rows)} if reactions else {},
+        "output_units": {"reactions": _common(reactions.units)} if reactions else {},
         "params": source.params,
     }
+
+
+def _common(units: list[str]) -> str | tuple[str, ...]:
+    """Return the unit of all values, or the units of each."""
+    return units[0] if len({*units}) == 1 else (*units,)
 
 
 @functools.lru_cache(maxsize=256)

@@ -25,12 +25,15 @@ class Equation(NamedTuple):
     first, second : (sequence of float, ndarray)
         D and E: a factor for each point, and a constant vector. For D = E, `second` is `first`.
     scale, target : float
+    unit : str
+        The unit of the reaction: "N" for a condition on a length, "N m" for a condition without a unit.
     """
 
     first: tuple[Any, np.ndarray]
     second: tuple[Any, np.ndarray]
     scale: float = 1.0
     target: float = 0.0
+    unit: str = "N"
 
 
 class Constraint(Effect):

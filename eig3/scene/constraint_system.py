@@ -37,6 +37,8 @@ class ConstraintSystem:
     table : ConstraintTable
     names : list of str
         The name of each row, such as "rod 3" or "revolute joint 2 (body 1, ground)".
+    units : list of str
+        The unit of the reaction of each row.
     counts : Counter
         The number of constraints by the title of their effect.
     effects : list of Effect
@@ -46,6 +48,7 @@ class ConstraintSystem:
 
     table: ConstraintTable
     names: list[str]
+    units: list[str]
     counts: Counter[str]
     effects: list[Effect]
     kinds: list[tuple[Placed, np.ndarray]]
@@ -72,6 +75,7 @@ def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintS
     arms: list[Arm] = []
     rows: list[Row] = []
     names: list[str] = []
+    units: list[str] = []
     counts: Counter[str] = Counter()
     kinds: list[tuple[Placed, np.ndarray]] = []
     slopes = 0
@@ -87,6 +91,7 @@ def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintS
                 arms += [_arm(cloud, (point,), (1.0,), np.zeros(len(cloud.box))) for point in points]
                 rows.append(Row(places, slopes=tuple(slopes + k for k in range(len(points)))))
                 names.append(name)
+                units.append("N m" if effect.period else "N")  # an angle has no unit
                 slopes += len(points)
                 continue
             positions = [cloud.positions[point] for point in points]
@@ -101,12 +106,13 @@ def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintS
                     arms.append(_arm(cloud, points, *vector))
                 rows.append(Row((both[0], both[1]), equation.scale, equation.target))
                 names.append(name)
+                units.append(equation.unit)
         if functions:
             kinds.append((law, np.arange(first, len(rows))))
     rows = [Row(row.arms, slopes=tuple(len(arms) + k for k in row.slopes)) if row.slopes else row for row in rows]
     length = max(np.abs(cloud.positions).max(), *(np.sqrt(abs(row.target)) for row in rows)) or 1.0
     table = ConstraintTable(1 / cloud.masses[cloud.is_own], len(cloud.box), arms, rows, slopes, length, degrees)
-    return ConstraintSystem(table, names, counts, [law.effect for law in laws], kinds)
+    return ConstraintSystem(table, names, units, counts, [law.effect for law in laws], kinds)
 
 
 def _name(cloud: Any, constraint: str, points: Sequence[int]) -> str:

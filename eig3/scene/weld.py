@@ -45,4 +45,4 @@ class Weld(Constraint):
         way = unit[1] - unit[0], zero
         conditions = [Equation(way, (np.zeros(count), axis), 1.0, 0.0) for axis in np.eye(d)]
         pairs = [(2, 1), (0, 2), (1, 0)] if d == 3 else [(1, 0)]
-        return conditions + [Equation((unit[2 + i], zero), (unit[2 + d + j], zero), 1.0, 0.0) for i, j in pairs]
+        return conditions + [Equation((unit[2 + i], zero), (unit[2 + d + j], zero), 1.0, 0.0, "N m") for i, j in pairs]

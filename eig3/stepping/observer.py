@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.checks import reals
-from ..functions.events import Occurrences
 from ..functions.extremes import Extremes
 from ..functions.first_order import flat
 from ..functions.guard import beyond, guarded
@@ -38,6 +37,7 @@ from ..kernels.protocol import (
     Watch,
     Within,
 )
+from ..result.occurrences import Occurrences
 from .followed import n_invariants, spacing_of
 from .samples import within_steps
 from .system import System
@@ -270,7 +270,7 @@ class Observer:
             mine = rows[rows[:, 0] == k]
             states = [mine[:, 2 + i * n : 2 + (i + 1) * n] for i in range(4)]
             states = [np.ascontiguousarray(x[:, 0] if self._is_scalar else x) for x in states]
-            result[name] = Occurrences(mine[:, 1].copy(), *states)
+            result[name] = Occurrences(mine[:, 1].copy(), *states, labels=self.system.labels)
         return result
 
     def extremes(self) -> dict[str, Extremes]:

@@ -138,6 +138,7 @@ def right_hand_side(parts: Parts, force: Any) -> Any:
     is_plain = parts.threads == 1 and force is None  # a function of the user may need the runtime
     rhs = without_runtime(written) if is_plain else jit(written, parallel=parts.threads > 1)
     rhs.py_func.parts, rhs.py_func.records = parts, RECORDS  # these are pickled with the Python function
+    rhs.py_func.is_linear = not parts.has & {"force", "links"}
     return marked(rhs, parts, right_hand_side, force)
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from ..ensembles.solution import EnsembleSolution
 from ..functions.callbacks import jit
 from ..functions.layout import bound_layout
-from ..functions.quantities import shape_of
 from ..kernels.compile.source import define
 from ..problem import Problem
 from ..result.labels import with_unit
@@ -21,7 +20,7 @@ from ..result.solution import Status
 
 KINDS = {"max": "largest", "min": "smallest", "peak": "peak", "end": "last", "drift": "drift of"}
 _COMPONENTS = re.compile(r"([uv])(\d*)(?:-\1(\d+))?")
-_OUTPUT = re.compile(r"(.+?)(?:\[(\d+)\])?")
+_OUTPUT = re.compile(r"(.+?)(?:\[.+\])?")
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,8 @@ class Measure:
         steps. "end" is the last value, and "drift" the largest change since the first.
     quantity : str
         "energy"; a component such as "u0" or "v1", or a difference of two such as "u1-u0"; or an output of the problem
-        such as "moments", of whose values the extreme one counts, or one of its values such as "moments[3]".
+        such as "moments", of whose values the extreme one counts, or one of its values by its number or its name, such
+        as "moments[3]" or "forces[left]".
     """
 
     kind: str
@@ -83,9 +83,10 @@ class Measure:
         if self.needs_energy:
             return problem.energy_unit
         if self.output:
-            return problem.output_units.get(self.output, "")
-        letter, i, _ = self._components()
-        return problem.unit(letter, i)
+            name, names, place = self._value(problem)
+            return problem.labels.unit_of_values(name, range(len(names)) if place is None else [place])
+        letter, *both = self._components()
+        return " - ".join(dict.fromkeys(problem.unit(letter, i) for i in both if i is not None))
 
     @property
     def output(self) -> str:
@@ -124,22 +125,31 @@ class Measure:
         return _quantity(f"{letter}[{i}]" + (f" - {letter}[{j}]" if j is not None else ""))
 
     def _checked_output(self, problem: Problem) -> Any:
-        if self.output not in problem.outputs:
-            raise self._unknown(problem.outputs)
-        found, index = problem.outputs[self.output], self._index()
-        (count,) = shape_of(found) or (1,)
+        name, names, place = self._value(problem)
+        count = len(names)
         if self.kind == "drift":
             raise ValueError(f"--measure {self} does not fit: take max, min, peak or end of an output.")
-        if self.kind == "end" and index is None and count > 1:
-            raise ValueError(f"--measure {self} must say which of the {count} values, such as {self}[0].")
-        if index is not None and index >= count:
-            raise ValueError(f"--measure {self} does not fit: {self.output} has {count} values, numbered from 0.")
-        return found
+        if place is None and self.kind == "end" and count > 1:
+            raise ValueError(f"--measure {self} must say which of the {count} values, such as {self}[{names[0]}].")
+        if place is not None and place >= count:
+            has = f"{count} values, numbered from 0" if names[0] == "0" else f"the values {', '.join(names)}"
+            raise ValueError(f"--measure {self} does not fit: {name} has {has}.")
+        return problem.outputs[name]
 
-    def _index(self) -> int | None:
-        """Return the number of the value of an output; None for all its values."""
-        match = _OUTPUT.fullmatch(self.quantity)
-        return int(match[2]) if match and match[2] else None
+    def _value(self, problem: Problem) -> tuple[str, list[str], int | None]:
+        """Return the output, the names or the numbers of its values, and which value is measured; None for all."""
+        if self.quantity in problem.outputs:
+            name, value = self.quantity, ""
+        else:
+            name, value = self.output, self.quantity.removeprefix(self.output)[1:-1]
+        if name not in problem.outputs:
+            raise self._unknown(problem.outputs)
+        output = problem.outputs[name]
+        given = output[1] if isinstance(output, tuple) else 1
+        names = [*map(str, given if isinstance(given, list | tuple) else range(given))]
+        if not value:
+            return name, names, None
+        return name, names, names.index(value) if value in names else int(value) if value.isdecimal() else len(names)
 
     def _energy(self, problem: Problem) -> Any:
         """Return the energy. If the problem integrates the work, the drift is for the energy minus the work."""
@@ -153,7 +163,7 @@ class Measure:
             return _quantity(f"energy(t, u{own}, v{own}, p)", energy)
         return problem.energy
 
-    def of(self, solution: EnsembleSolution, name: str) -> np.ndarray:
+    def of(self, solution: EnsembleSolution, name: str, problem: Problem) -> np.ndarray:
         """Return the measure of each member, shape (m,); NaN for members that did not reach the end.
 
         `name` is the name of the output with the quantity, or for a drift of the invariant.
@@ -161,18 +171,18 @@ class Measure:
         if self.kind == "drift":
             values = solution.drift[name]
         elif self.kind == "end":
-            values = self._chosen(solution.outputs[name][:, -1])
+            values = self._chosen(solution.outputs[name][:, -1], problem)
         else:
-            low, high = map(self._chosen, solution.extremes[name][:2])
+            low, high = (self._chosen(x, problem) for x in solution.extremes[name][:2])
             values = {"min": low, "max": high, "peak": np.maximum(np.abs(low), np.abs(high))}[self.kind]
         if values.ndim > 1:
             values = values.min(axis=1) if self.kind == "min" else values.max(axis=1)
         return np.where(solution.status == Status.COMPLETED, values, np.nan)
 
-    def _chosen(self, values: np.ndarray) -> np.ndarray:
+    def _chosen(self, values: np.ndarray, problem: Problem) -> np.ndarray:
         """Return one value of an output of each member, shape (m,), or the values, shape (m,) or (m, k)."""
-        index = self._index() if self.output else None
-        return values if index is None else values.reshape(len(values), -1)[:, index]
+        place = self._value(problem)[2] if self.output else None
+        return values if place is None else values.reshape(len(values), -1)[:, place]
 
 
 @functools.cache

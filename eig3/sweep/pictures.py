@@ -36,9 +36,10 @@ def draw(figure: Any, study: Study) -> None:
 
 
 def _title(figure: Any, study: Study) -> None:
-    title = f"{study.problem.name}, {study.method.label}, h = {study.h:.3g} s"
+    second = study.problem.labels.second
+    title = f"{study.problem.name}, {study.method.label}, h = {study.h:.3g}{second}"
     if study.after is not None:
-        title += f", from t = {study.after:g} s on"
+        title += f", from t = {study.after:g}{second} on"
     diverged = np.count_nonzero(study.status == Status.DIVERGED)
     if diverged:
         title += f"\n{diverged} of {len(study)} members diverged"

@@ -34,10 +34,10 @@ def save(study: Study, out: Path, write: Callable[[str], None]) -> None:
 
 
 def _settings(study: Study) -> list[str]:
-    t0, t1 = study.problem.t_span
-    lines = [f"  {study.method!r}, h = {study.h:.6g} s, t = {t0:g} to {t1:g} s"]
+    (t0, t1), second = study.problem.t_span, study.problem.labels.second
+    lines = [f"  {study.method!r}, h = {study.h:.6g}{second}, t = {t0:g} to {t1:g}{second}"]
     if study.after is not None:
-        lines[0] += f", measured from {study.after:g} s on"
+        lines[0] += f", measured from {study.after:g}{second} on"
     for axis in study.axes:
         spread = f"{axis.count} values" if study.seed is None else f"random, seed {study.seed}"
         spread += ", logarithmic" if axis.is_log else ""

@@ -242,7 +242,7 @@ class Study:
         solution = self._ensemble(problem, start, outputs=by_name[0], invariants=by_name[1])
         self.status[members] = solution.status
         for measure, name in zip(self.measures, names, strict=True):
-            self.values[str(measure)][members] = measure.of(solution, name)
+            self.values[str(measure)][members] = measure.of(solution, name, problem)
 
     def _ensemble(self, problem: Problem, start: Mapping[str, Any], **options: Any) -> Any:
         options = {"invariants": {}, "h": self.h, "method": self.method, **options}

@@ -1,0 +1,55 @@
+"""The notes about the fixed steps of members, from the results of all of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..diagnosis.coarseness import coarse_events, links_of
+from ..diagnosis.stiffness import VERY_MANY_STEPS
+from ..functions.companions import mark
+from ..result.solution import Status
+from ..run.instability import has_grown, instability
+from ..stepping.run_options import RunOptions
+from .members import Members
+from .single_members import Singles
+from .solution import EnsembleSolution
+
+_MOST = 8  # members whose critical step is found, which takes longer than a thousand steps in lanes
+
+
+def add_step_notes(solution: EnsembleSolution, single: Singles, members: Members, options: RunOptions) -> None:
+    """Add the notes on contacts and on growth that single runs have."""
+    if options.tolerances:
+        return
+    notes = []
+    if links := links_of(options.events) if options.events else ():
+        notes.append(coarse_events(members.steps, solution.events, links, members.first))
+    if members.n_steps.max() >= VERY_MANY_STEPS or mark(single.rhs, "is_linear"):
+        notes.append(_instability(solution, single, members))
+    solution.notes += (*filter(None, notes),)
+
+
+def _instability(solution: EnsembleSolution, single: Singles, members: Members) -> str:
+    """Describe an unstable step of a member that has grown, if one of the members that have grown most has one."""
+    completed = np.flatnonzero(solution.status == Status.COMPLETED)
+    if not len(completed):
+        return ""
+    rows = solution._n_rows()[completed] - 1
+    ends = [_sizes(x[completed, rows]) for x in (solution.u, solution.v)]
+    starts = [_sizes(x[completed]) for x in (members.u0, members.v0)]
+    system = single.prepared(int(completed[0])).system
+    grown = np.flatnonzero(has_grown(system, solution.n_steps[completed], ends, starts))
+    with np.errstate(all="ignore"):
+        growth = np.fmax(*(end[grown] / start[grown] for end, start in zip(ends, starts, strict=True)))
+    for i in completed[grown[np.argsort(-growth)[:_MOST]]].tolist():
+        stepper: Any = single.prepared(i).at_start(members.t_span, *members.start(i))
+        if note := instability(stepper, int(solution.n_steps[i])):
+            return f"{note} This is member {members.first + i} of the {len(grown)} members that have grown."
+    return ""
+
+
+def _sizes(states: np.ndarray) -> np.ndarray:
+    """Return the size of each state, shape (m,)."""
+    return np.abs(states).reshape(len(states), -1).max(axis=1)
