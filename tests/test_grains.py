@@ -506,6 +506,18 @@ def test_no_step_jumps_over_an_impact(far):
         np.testing.assert_allclose(balls.velocities(run.v)[-1], [(-0.5, 0), (0.5, 0)], atol=1e-12)
 
 
+@pytest.mark.parametrize("effect", [effects.MassImpact(contact_distance=0.1), effects.HertzContact(1e4, 0.1)])
+def test_a_fixed_step_that_may_jump_over_a_contact_has_a_note(effect):
+    """Two balls had passed through each other without a word."""
+    scene = Scene(dimension=2)
+    scene.add(effect, *scene.mass([1.0, 1.0], [(-3.3, 0), (3.3, 0)], [(1.0, 0), (-1.0, 0)]))
+    problem, note = scene.problem((0, 6.6)), "a point moves by 0.13 in a step, and may pass through another"
+    run, members = problem.integrate(h=0.13), problem.ensemble(h=0.13, v0=np.tile(problem.v0, (2, 1)))
+    np.testing.assert_array_equal(run.v[-1], problem.v0)
+    assert [note in " ".join(each.notes) for each in (run, members)] == [True, True]
+    assert not [each for each in problem.integrate(h=0.01).notes if "a point moves" in each]
+
+
 def test_no_step_jumps_over_a_contact():
     """Nothing bends the paths of two spheres before they meet: the error would allow a step beyond the contact. In an
     elastic impact of equal masses, the first stops and the second goes on. An error of 1e-9 m is 3e-5 of the largest

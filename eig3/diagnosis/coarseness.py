@@ -81,6 +81,29 @@ def coarse_events(h: np.ndarray, events: Mapping[str, Any], links: Iterable[str]
     )
 
 
+def long_ways(h: np.ndarray, speeds: np.ndarray, least: float, first: int = 0) -> str:
+    """Describe a step in which a point may pass through another; empty if all ways are short enough.
+
+    Parameters
+    ----------
+    h, speeds : ndarray, shape (m,)
+        The step and the largest speed along an axis of each member, or of a run.
+    least : float
+        The shortest distance at which two points touch, or act on each other.
+    first : int
+        The number of the first member.
+    """
+    ways = h * speeds
+    i = int(ways.argmax())
+    if not least / 2 < ways[i] < math.inf:
+        return ""
+    whose = f" This is member {first + i}." if len(h) > 1 else ""
+    return (
+        f"h = {h[i]:g} is long for the contacts: a point moves by {ways[i]:.2g} in a step, and may pass through another "
+        f"that acts on it within {least:.2g} only. Take h = {least / 8 / speeds[i]:.2g}.{whose}"
+    )
+
+
 def _steps_between(h: np.ndarray, found: Any) -> np.ndarray:
     """Return the lower quartile of the steps between the events of each member; infinity with few events."""
     member = getattr(found, "member", np.zeros(len(found), dtype=np.int64))

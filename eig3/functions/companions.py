@@ -71,6 +71,10 @@ class Cutoffs(NamedTuple):
         each = ((factor, params[..., begin:end]) for begin, end, factor in self.places)
         return min(factor * float(values.min(where=values > 0, initial=math.inf)) for factor, values in each)
 
+    def speeds(self, *v: np.ndarray) -> np.ndarray:
+        """Return the largest speed along an axis in some velocities, shape (m, n) or (n,), of each member."""
+        return np.max([np.abs(np.atleast_2d(each)[:, : self.degrees]).max(axis=1) for each in v], axis=0)
+
 
 def cutoffs_of(rhs: Any) -> Cutoffs | None:
     """Return the cutoffs of a right-hand side, or None. They are pickled with the Python function."""

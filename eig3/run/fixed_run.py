@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import partial
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
-from ..diagnosis.coarseness import coarse_events, coarseness, links_of
+from ..diagnosis.coarseness import coarse_events, coarseness, links_of, long_ways
 from ..diagnosis.divergence import Divergence, find_blow_up, find_divergence
 from ..diagnosis.heat import heat
 from ..functions.checks import check_count, check_resolution, check_time
@@ -277,7 +278,7 @@ class FixedRun(Run):
         stepper = self.stepper
         notes = self._invariant_notes("take a smaller h, or a method that is stable for this system")
         if self.status is Status.COMPLETED:
-            notes += filter(None, (self._coarseness(), self._contacts(), self._instability(), heat(stepper)))
+            notes += filter(None, (self._coarseness(), *self._contacts(), self._instability(), heat(stepper)))
         load = float(shortest_loads(stepper.system.rhs, stepper.p, t_span=(stepper.t0, stepper.t))[0])
         notes += [jump_note(stepper.h, load)] * jumps(stepper.h, load)
         running = stepper.running
@@ -297,11 +298,14 @@ class FixedRun(Run):
         has_all = self.every == 1 and self.saved is not None
         return coarseness(stepper, self.saved["u"][: stepper.index + 1] if has_all and self.saved else None)
 
-    def _contacts(self) -> str:
-        """Describe a step that is too long for the contacts of links."""
-        stepper = self.stepper
+    def _contacts(self) -> Iterator[str]:
+        """Describe a step that is too long for the contacts of links and points."""
+        stepper, h = self.stepper, np.array([self.stepper.h])
         links, look = links_of(stepper.system.events), stepper.look
-        return coarse_events(np.array([stepper.h]), look.occurrences(), links) if links and look else ""
+        if links and look:
+            yield coarse_events(h, look.occurrences(), links)
+        if cutoffs := stepper.system.cutoffs:
+            yield long_ways(h, cutoffs.speeds(stepper.start[1], stepper.v), cutoffs.least(stepper.p))
 
     def _instability(self) -> str:
         """Describe a step that is unstable at the start of a system with first-order unknowns, or of one that grew.
