@@ -99,8 +99,8 @@ def long_ways(h: np.ndarray, speeds: np.ndarray, least: float, first: int = 0) -
         return ""
     whose = f" This is member {first + i}." if len(h) > 1 else ""
     return (
-        f"h = {h[i]:g} is long for the contacts: a point moves by {ways[i]:.2g} in a step, and may pass through another "
-        f"that acts on it within {least:.2g} only. Take h = {least / 8 / speeds[i]:.2g}.{whose}"
+        f"h = {h[i]:g} is long for the contacts: a point moves by {ways[i]:.2g} in a step, and may pass through "
+        f"another that acts on it within {least:.2g} only. Take h = {least / 8 / speeds[i]:.2g}.{whose}"
     )
 
 
