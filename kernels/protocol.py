@@ -420,14 +420,14 @@ def record_at(kind: Any) -> Any:
     """Return a compiled ``record(address)`` for a record of some type, whose fields are read when they are named."""
     located = Located(kind)
 
-    @intrinsic
     def record(typingctx, address):
         def codegen(context, builder, signature, args):
             return builder.inttoptr(args[0], context.get_value_type(located))
 
         return located(int64), codegen
 
-    return record
+    record.content = str(located)  # type: ignore[attr-defined]
+    return intrinsic(record)
 
 
 #: Number of float64 values of an array that can hold a record.

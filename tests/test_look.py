@@ -201,9 +201,9 @@ class FixedRun:
         if inline:
             quantities = tuple((q, w) for q, w, _ in looked_for.get("quantities", ()))
             self.kernel = fixed.inline_kernel(formulas, order, form, n, rhs, None, looks=looks, quantities=quantities)
-            self.rhs = ()
         else:
-            self.kernel, self.rhs = fixed.kernel(formulas, order, form, n, looks=looks), (callback.address, None)
+            self.kernel = fixed.kernel(formulas, order, form, n, looks=looks)
+        self.rhs = callback.address, None
         self.u, self.v = np.empty((2, rows) if form is SCALAR else (2, rows, n))
 
     def take(self, count):

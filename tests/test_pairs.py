@@ -13,7 +13,7 @@ from .test_prepare import energy
 P = np.array([3.0, 0.05])
 SPAN = 0.0, 2.0
 WANTED = np.linspace(0.0, 2.0, 9)
-STEPS = {"h": {"h": 2.0**-7, "method": "rk4"}, "rtol": {"rtol": 1e-6, "method": "rk5"}}
+STEPS = {"h": {"h": 2.0**-7, "method": "ab3"}, "rtol": {"rtol": 1e-6, "method": "rk5"}}
 
 late = eig3.jit(lambda t, u, v, p: t - 1.75)
 

@@ -220,8 +220,8 @@ def test_whether_a_string_is_broken_is_no_length():
         scene.add(LinearSpring(20.0, rest_length=metre), *ends)
         scene.add(BreakingString(30.0, rest_length=metre, strength=6 * metre), *ends)
         problem = scene.problem((0, 6))
-        (prediction,) = eig3.plan(problem, 1e-4, methods=["cd"]).predictions
-        steps.append((prediction.n_steps, problem.integrate(accuracy=1e-4, method="cd").n_steps))
+        (prediction,) = eig3.plan(problem, 1e-4, methods=["eig3"]).predictions
+        steps.append((prediction.n_steps, problem.integrate(accuracy=1e-4, method="eig3").n_steps))
     assert steps[0] == steps[1]
 
 

@@ -15,7 +15,7 @@ import eig3
 from eig3 import problems
 from eig3.run import short
 
-from .conftest import assert_same, bounce, first_position, oscillator, oscillator_vector, position, velocity
+from .conftest import assert_same, bounce, first_position, oscillator, oscillator_vector, position, spring, velocity
 
 SPAN, P = (0.0, 1.0), np.array([3.0, 0.1])
 U, V = np.array([1.0, 0.5, -0.5]), np.zeros(3)
@@ -145,7 +145,12 @@ OPTIONS = {
         "outputs": {"both": (both, 2)},
         "t_eval": np.linspace(0.0, 1.0, 7),
     },
-    "inline": {"inline": True, "invariants": {"energy": energy}},
+    "inline": {  # the quantities and the method of test_pairs, which compiles the same loop
+        "inline": True,
+        "invariants": {"energy": energy},
+        "outputs": {"force": spring},
+        "events": {"zero": eig3.Event(position, apply=bounce)},
+    },
 }
 
 

@@ -63,7 +63,7 @@ def test_a_ball_strikes_the_floor_at_the_times_of_the_closed_form(dimension, run
 def test_an_event_of_a_run_leaves_the_impacts_of_the_scene(tmp_path):
     """Without the event of the stop, the ball would fall through the floor, by g t^2 / 2: ``events={}`` says so."""
     problem, half = dropped(), {"half": eig3.Event(half_way)}
-    options = {"h": 1e-2, "method": "rk4", "events": half}
+    options = {"h": 1e-2, "events": half}
     for both in (
         problem.integrate(**options),
         problem.prepare(**options)(),
@@ -74,7 +74,7 @@ def test_an_event_of_a_run_leaves_the_impacts_of_the_scene(tmp_path):
     problem.integrate(**options, t_end=1.0, save_to=tmp_path / "run")
     longer = problem.load(tmp_path / "run", events=half).extend(1.68)
     np.testing.assert_array_equal(longer.events["rigid stop 0"].t, both.events["rigid stop 0"].t)
-    free = problem.integrate(h=1e-2, method="rk4", events={})
+    free = problem.integrate(h=1e-2, events={})
     assert free.u[-1, 0] == pytest.approx(1 - G * 1.68**2 / 2, rel=1e-12)
 
 

@@ -122,15 +122,6 @@ def test_each_member_may_have_its_own_record_and_does_not_depend_on_the_others()
     np.testing.assert_array_equal(np.concatenate(parts), members.u)
 
 
-def test_a_member_alone_with_shared_parameters_runs_in_lanes_too():
-    """Bit by bit: a member alone shares its parameters, as many members do."""
-    problem = structure("work")
-    u0 = np.multiply.outer(SCALES, M) / 100
-    members, alone = problem.ensemble(u0=u0, h=0.01), problem.ensemble(u0=u0[7:8], h=0.01)
-    assert alone.notes == ()
-    np.testing.assert_array_equal(alone.u[0], members.u[7])
-
-
 def test_a_first_passage_ends_members_in_lanes():
     problem, events = structure("function"), {"passage": eig3.Event(passes, terminal=True)}
     h = np.linspace(0.008, 0.01, 40)
@@ -143,8 +134,12 @@ def test_a_first_passage_ends_members_in_lanes():
 
 
 def test_structures_of_other_patterns_do_not_share_code():
+    """A member alone shares its parameters, as many members do: it runs in lanes too, with the same bits."""
     for ends in ((0, 2), (1, None)):
         problem = eig3.linear(M[:3], None, K[:3, :3], t_span=(0, 4), v0=M[:3], links=[(LinearSpring(5.0), *ends)])
-        members = problem.ensemble(v0=np.multiply.outer(SCALES, M[:3]), h=0.01)
-        run = problem.with_(v0=SCALES[7] * M[:3]).integrate(h=0.01)
+        v0 = np.multiply.outer(SCALES, M[:3])
+        members, alone = problem.ensemble(v0=v0, h=0.01), problem.ensemble(v0=v0[7:8], h=0.01)
+        run = problem.with_(v0=v0[7]).integrate(h=0.01)
         np.testing.assert_allclose(members.u[7, -1], run.u[-1], rtol=0, atol=1e-12)
+        assert alone.notes == ()
+        np.testing.assert_array_equal(alone.u[0], members.u[7])

@@ -11,6 +11,7 @@ import pytest
 
 import eig3
 from eig3 import Status
+from eig3.kernels.compile.numba_internals import compilations
 from eig3.kernels.loops import controller
 from eig3.kernels.methods import eig3_variable
 from eig3.run import history
@@ -178,6 +179,15 @@ def test_inline_compiles_once(monkeypatch):
     solution = run(oscillator, **options)
     monkeypatch.delattr(eig3_variable._Formulas, "functions")  # a compilation would call it
     assert np.array_equal(run(oscillator, **options).u, solution.u)
+
+
+def test_an_inlined_loop_is_found_on_the_disk_whatever_it_looks_for():
+    """A copy of f is at another address, as f is in each process."""
+    options = {"params": (2.0, 0.1), "rtol": 1e-6, "method": "rk5", "inline": True}
+    run(oscillator, **options)
+    with compilations() as functions:
+        run(eig3.jit(oscillator.py_func), events={"zero": eig3.Event(position)}, **options)
+    assert "variable" not in [function.py_func.__name__ for function in functions]
 
 
 # Tolerances ----------------------------------------------------------------------------------------------------------

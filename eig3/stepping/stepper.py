@@ -319,8 +319,8 @@ def _kernel(system: System, method: Method, n: int) -> Kernel:
         make = partial(fixed.inline_kernel, formulas, order, form, n, looks=looks)
         literal = n if n <= fixed.STACKED_DEGREES else 0
         call = inlined(make, (formulas, literal, looks), form, system.rhs, running.jacobian, system.followed.quantities)
-        callbacks: tuple = ()
+        address = None  # the Jacobian is inlined too
     else:
         call = fixed.kernel(formulas, order, form, n, looks=looks, second=second)
-        callbacks = system.callback.address, address
+    callbacks = system.callback.address, address
     return Kernel(running, formulas, formulas.state_rows(n), call, callbacks, settings, (formulas, n, system.inline))

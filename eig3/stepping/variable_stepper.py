@@ -197,14 +197,13 @@ def _kernel(system: System, module: str, n: int) -> Kernel:
     formulas, form, parts = variable_formulas(module), system.form, system.parts
     if system.inline:
         literal = n if n <= STACKED_DEGREES else 0
-        make = partial(_inline, module, form, n, parts)
-        call = inlined(make, (module, literal, parts), form, system.rhs, None, ())
-        callbacks: tuple = ()
+        compiled = inlined(partial(_inline, module, form, n), (module, literal), form, system.rhs)
+        call = variable.observing(compiled, module, form, n, parts)
     else:
         call = variable.kernel(module, form, 0 if system.constrained_step else n, parts=parts)
-        callbacks = system.callback.address, None
+    callbacks = system.callback.address, None
     return Kernel(system.method, formulas, formulas.rows, call, callbacks, Observation(), (module, n, system.inline))
 
 
-def _inline(module: str, form: Any, n: int, parts: Any, rhs: Any, jacobian: None, quantities: tuple) -> Any:
-    return variable.inline_kernel(module, form, n, rhs, parts=parts)
+def _inline(module: str, form: Any, n: int, rhs: Any, jacobian: None, quantities: tuple) -> Any:
+    return variable.inline_kernel(module, form, n, rhs)

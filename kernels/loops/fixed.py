@@ -20,8 +20,7 @@ from typing import Any
 from numba.extending import intrinsic
 from numba.types import Tuple, UniTuple, int64, none
 
-from ..compile.jit import bound, compile_kernel, compiled, element
-from ..compile.numba_internals import address_of as address_of_code
+from ..compile.jit import bound, compile_kernel, element
 from ..compile.numba_internals import has_wide_vectors, wide_vectors
 from ..lanes import evaluate_lanes, nothing_to_widen
 from ..protocol import (
@@ -205,7 +204,7 @@ def inline_kernel(
     looks: int,
     quantities: tuple = (),
 ) -> Any:
-    """Compile the kernel of a method with its callbacks inlined. It is called as ``kernel((), state, ...)``.
+    """Compile the kernel of a method with its callbacks inlined. It is called as ``kernel((rhs, None), state, ...)``.
 
     With few degrees of freedom, it is valid for this number only, and keeps its rows on the stack. At events, and at
     times at which the state is wanted, the quantities are called at their addresses.
@@ -291,16 +290,16 @@ def inline_callbacks(form: Form, rhs: Any, jacobian: Any) -> tuple[Any, dict[str
     """Return the same for a kernel with its callbacks inlined.
 
     What is called rarely and shared by all kernels, such as the search of a step, calls the right-hand side at its
-    address: otherwise it would be compiled anew, which takes longer than all else.
+    address: otherwise it would be compiled anew, which takes longer than all else. The address is an argument: as a
+    constant, which differs in each process, the kernel would not be found on the disk.
     """
-    address = address_of_code(compiled(rhs, form.rhs.args))
     rhs, jacobian = form.with_rows("rhs", rhs), jacobian and form.with_rows("jacobian", jacobian)
     names = {
         "RHS": element(lambda callbacks: rhs),
-        "ADDRESS": element(lambda callbacks: address),
+        "ADDRESS": element(lambda callbacks: callbacks[0]),
         "SECOND": element(lambda callbacks: jacobian) if jacobian else no_second,
     }
-    return Tuple(()), names
+    return Tuple((int64, none)), names
 
 
 @intrinsic

@@ -69,7 +69,7 @@ from .observe import (
 from .pair import A_END, U_END, U_MOST, V_END, V_MOST, A, U, V
 from .zeros import LATER
 
-__all__ = ["inline_kernel", "kernel", "least_size"]
+__all__ = ["inline_kernel", "kernel", "least_size", "observing"]
 
 _SILENCE = 0.02  # longest step while nothing acts, relative to the time since the start
 
@@ -212,7 +212,7 @@ def kernel(module: str, form: Form, n: int, *, parts: Collection[str] | None) ->
         None if the argument `look` is None. Otherwise what the kernel looks for within steps: see `observation`.
     """
     n = own_degrees(form, n)
-    return _observing(_kernel(module, form, n), module, form, n, parts)
+    return observing(_kernel(module, form, n), module, form, n, parts)
 
 
 def own_degrees(form: Form, n: int) -> int:
@@ -226,28 +226,27 @@ def _kernel(module: str, form: Form, n: int) -> Any:
     return _compile(module, form, callbacks, {**names, "N": n}, f"{module}_{form.name}_{n}")
 
 
-def inline_kernel(module: str, form: Form, n: int, rhs: Any, *, parts: Collection[str] | None) -> Any:
-    """Compile the kernel of a method with one right-hand side inlined. It is called as ``kernel((), state, ...)``."""
+def inline_kernel(module: str, form: Form, n: int, rhs: Any) -> Any:
+    """Compile the kernel of a method with one right-hand side inlined. It is called as the others are."""
     callbacks, names = inline_callbacks(form, rhs, None)
     names["N"] = n if n <= STACKED_DEGREES else 0
-    kernel = _compile(module, form, callbacks, names, "")
-    return _observing(kernel, module, form, own_degrees(form, n), parts)
+    return _compile(module, form, callbacks, names, "")
 
 
-def _observing(compiled: Any, module: str, form: Form, n: int, parts: Collection[str] | None) -> Any:
+def observing(compiled: Any, module: str, form: Form, n: int, parts: Collection[str] | None) -> Any:
     """Return a function that calls a compiled kernel with what it needs to observe its steps."""
     if parts is None:
         return compiled
-    addresses, place = observation(module, form, n, frozenset(parts)), placing()
+    addresses, place = observation(module, form, own_degrees(form, n), frozenset(parts)), placing()
 
-    def observing(callbacks: tuple, state: Any, settings: Any, counters: Any, span: Any, look: Any) -> Any:
+    def call(callbacks: tuple, state: Any, settings: Any, counters: Any, span: Any, look: Any) -> Any:
         memory, watch = np.empty(RECORD_SIZE), look.watch
         most_logged = len(watch.log) - len(watch.events)
         mine = Observation(place(look, memory), most_logged, at_each_step(look.follow), *addresses)
         return compiled(callbacks, state, mine, counters, span, None)
 
-    observing.compiled = compiled  # type: ignore[attr-defined]
-    return observing
+    call.compiled = compiled  # type: ignore[attr-defined]
+    return call
 
 
 def _compile(module: str, form: Form, callbacks: Any, names: dict[str, Any], label: str) -> Any:
