@@ -515,6 +515,26 @@ def test_the_exact_motion_of_a_free_structure(given):
     np.testing.assert_allclose(problem.exact(run.t)[0], run.u, rtol=0, atol=1e-11)
 
 
+def test_the_exact_motion_of_a_soft_mode_beside_a_stiff_spring():
+    """Two masses on a stiff spring move together at omega = sqrt(1/2), 2e5 times slower than against each other.
+
+    The square of this frequency has a round-off of at most 1e-16 of the largest square, 2e10, so 4e-6 of itself: the
+    phase omega t = 7 then is off by at most 1.4e-5.
+    """
+    k = 1e10
+    problem = eig3.linear([1.0, 1.0], None, [[k + 1, -k], [-k, k]], t_span=(0, 10), u0=1.0)
+    t = np.linspace(0, 10, 21)
+    np.testing.assert_allclose(problem.exact(t)[0][:, 0], np.cos(np.sqrt(0.5) * t), rtol=0, atol=1.4e-5)
+
+
+def test_the_lowest_mode_of_a_free_structure_is_of_a_rigid_body():
+    """Also where no other mode is known, and the mass coasts for long: its frequency is 0, and not round-off."""
+    K = 1e10 * np.array([[3.0, -3.0, 0.0], [-3.0, 4.1, -1.1], [0.0, -1.1, 1.1]])
+    problem = eig3.linear([0.1, 0.3, 0.7], None, K, t_span=(0, 1e4), v0=1.0)
+    assert problem.modes(1).omega[0] == 0.0
+    np.testing.assert_allclose(eig3.structures.modal_solution(problem, [1e4], modes=1)[0], 1e4, rtol=1e-12)
+
+
 def test_a_changed_copy_has_its_own_exact_motion():
     mass, given = EXACT["modal"]
     problem = eig3.linear(MASSES[mass], None, stiffness(), t_span=(0, 1), u0=U0, v0=V0, **given)
