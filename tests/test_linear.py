@@ -296,7 +296,7 @@ M = np.ones(N)
 UNSYMMETRIC = K.toarray() + np.eye(N, k=2)
 BAD = {
     r"M must be a square matrix, not one of the shape \(2, 3\)": {"M": np.ones((2, 3))},
-    "M must have positive, finite masses, but the mass of degree of freedom 0 is 0": {"M": np.zeros(N)},
+    "M must have positive, finite masses, but the mass of degree of freedom 0 is 0: condense": {"M": np.zeros(N)},
     "M must have positive, finite masses, but the mass of .* 5 is 0": {"M": np.diag([1.0, 1, 1, 1, 1, 0])},
     "M must be positive definite, but a motion has zero or negative mass": {"M": np.ones((N, N))},
     "M must be positive definite": {"M": consistent() - scipy.sparse.eye_array(N)},
@@ -590,6 +590,18 @@ def test_what_modes_and_factors_are_computed_from_cannot_change_alone():
             refused()
     assert damped.with_(params={"m": heavy[0]}).integrate(h=0.01).success
     assert coupled.with_(params={"K": 2 * stiffness()}).integrate(h=0.01).success
+
+
+def test_each_member_has_positive_masses_and_times_that_increase():
+    problem = eig3.linear(np.ones(N), None, stiffness(), t_span=(0, 1), u0=U0, ground=GROUND, force=TABLE)
+    for name, bad, rule in (
+        ("m", -np.ones(N), "be positive"),
+        ("m", np.full(N, np.nan), "be positive"),
+        ("ground_times", GROUND[0][::-1], "increase"),
+        ("force_times", 0 * TABLE[0], "increase"),
+    ):
+        with pytest.raises(ValueError, match=rf"^params\['{name}'\] must {rule}, but the values of member 1 do not"):
+            problem.ensemble(params={name: [getattr(problem.params, name), bad]}, h=0.01)
 
 
 def test_modal_solutions_of_changed_problems_and_of_some_modes():
