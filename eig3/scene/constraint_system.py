@@ -121,10 +121,9 @@ def _hinged(cloud: Any, placed: Sequence[Placed]) -> list[tuple[str, Arm, Arm]]:
         for points in zip(*(array.tolist() for array in law.points), strict=True):
             name, unit = _name(cloud, words(law.effect.title), points), list(cloud.bodies.carried[points[0]][0])[1:]
             vector, _, axis = cloud.positions[list(points)]
+            other = _arm(cloud, points[2:], (1.0,), np.zeros(3))
             for across in (vector, np.cross(axis, vector)):
-                arms = (unit, cloud.positions[unit] @ across), ([points[2]], [1.0])
-                first, second = (_arm(cloud, *arm, np.zeros(3)) for arm in arms)
-                found.append((name, first, second))
+                found.append((name, _arm(cloud, unit, cloud.positions[unit] @ across, np.zeros(3)), other))
     return found
 
 
