@@ -7,6 +7,8 @@ import pytest
 
 import eig3
 from eig3 import integrate, problems
+from eig3.effects import LinearDamper, Maxwell
+from eig3.scene import Scene
 
 from .conftest import oscillator, oscillator_vector, position
 from .test_grains import Block, on_a_post
@@ -66,6 +68,19 @@ def test_damping_beyond_the_limit():
     assert float(re.search(r"stable up to h = ([\d.]+\d)", note)[1]) == pytest.approx(1 / 200, rel=0.05)
     assert not coarse(integrate(oscillator, (0, 0.01), 1.0, 1.0, h=0.002, **options))
     assert not coarse(integrate(oscillator, (0, 0.5), 1.0, 1.0, h=0.1, method="cd", **options))  # it solves for v
+
+
+@pytest.mark.parametrize(("law", "h"), [(LinearDamper(50.0), 0.01), (Maxwell(5.0, 0.1), 0.05)], ids=["damper", "z"])
+def test_the_step_of_a_mechanism_with_damping(law, h):
+    """EIG-3 has its usual limit under constraints: h = 0.4 / c = 0.008 with the damper, and 1 / 50 with Maxwell's."""
+    scene = Scene(2)
+    wheel = scene.body(1.0, 0.4, (0.0, 0.0), angular_velocity=0.3)
+    wheel.revolute(None, (0.0, 0.0))
+    wheel.torsional_spring(None, law)
+    problem = scene.problem((0, 0.1))
+    noted, quiet = (problem.integrate(h=each, save_every=None) for each in (h, h / 10))
+    assert re.search(r"^h = .* critical step.* EIG-?3", noted.notes[0])
+    assert quiet.notes == ()
 
 
 @pytest.mark.parametrize("h", [10.0, 3.0, 1.0, 0.1])

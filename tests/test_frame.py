@@ -446,7 +446,7 @@ WEIGHTLESS = Section(2e11, 1e-2, 1e-5)
 BAD_VALUES = {
     "dimension must be 2 or 3, not 4": lambda: Frame(4),
     "there is a node a already": lambda: portal().node("a", 1.0, 0.0),
-    "the place of c must have 2 finite coordinates": lambda: portal().node("c", 1.0),
+    "the place of c must have 2 finite coordinates, such as .*, 0, 1": lambda: portal().node("c", [1.0, 2.0]),
     "the frame has no c: did you mean a or b": lambda: portal().member("a", "c", SECTION),
     "the member from a to a must have a length": lambda: portal().member("a", "a", SECTION),
     "releases must be some of": lambda: portal().member("a", "b", SECTION, releases="middle"),

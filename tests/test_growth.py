@@ -1,6 +1,7 @@
 """Finite blow-ups: a motion that grows through its step alone does not end as completed; one that may grow does."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -210,3 +211,12 @@ def test_a_load_after_rest_is_no_growth_by_the_step(monkeypatch):
     run = turning.integrate(h=0.3)
     assert (run.success, searched) == (True, [])
     assert np.abs(run.u).max() > 0.5
+
+
+def test_the_growth_of_an_energy_does_not_depend_on_its_zero():
+    """RK2 adds energy, which is noted relative to the terms, |v^2 / 2| + |sin u| up to 2, if the energy begins at 0."""
+    options = {"invariants": {"e": energy_of_level_pendulum}, "save_every": None}
+    run = integrate(level_pendulum, (0, 190), 0.0, 0.0, h=0.03, method="rk2", **options)
+    percent = float(re.match(r"e grows steadily, by ([\d.]+) % over the run", run.notes[0])[1])
+    assert 0.2 < percent / (100 * run.drift["e"]) < 3
+    assert integrate(level_pendulum, (0, 190), 0.0, 0.0, rtol=1e-9, method="rk8", **options).notes == ()

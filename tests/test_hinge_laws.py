@@ -1,12 +1,24 @@
 """Laws of links for the angle between rigid bodies."""
 
 import numpy as np
+import pytest
 
-from eig3.effects import BoucWen, Breaking, ElasticPlastic, Gap, LeadRubber, LinearDamper, LinearSpring, MassImpact
+from eig3.effects import (
+    BoucWen,
+    Breaking,
+    ElasticPlastic,
+    Gap,
+    LeadRubber,
+    LinearDamper,
+    LinearSpring,
+    MassImpact,
+    Multilinear,
+)
 from eig3.scene import Scene
 
 from .conftest import refusals
 
+MOMENTS = Multilinear([0.1, 0.2, 0.5], [2.0, 3.0, 4.0])
 INERTIA = 0.3 + 2 * 0.5**2  # about the pin
 
 
@@ -45,8 +57,12 @@ def check_one_degree_of_freedom(problem, angle, inertia, laws, speed):
         np.testing.assert_allclose(run.z[name], alone.z[name], rtol=0, atol=1e-6)
 
 
-def test_a_body_on_a_hinge_moves_as_one_degree_of_freedom():
-    laws = Breaking(BoucWen(20.0, 0.2, 0.1), max_energy=2.0), LinearSpring(9.0), LinearDamper(0.1)
+@pytest.mark.parametrize(
+    "yields", [Breaking(BoucWen(20.0, 0.2, 0.1), max_energy=2.0), MOMENTS], ids=["BoucWen", "Iwan"]
+)
+def test_a_body_on_a_hinge_moves_as_one_degree_of_freedom(yields):
+    """Also with a law whose parameter has the name of a function, as the forces of Iwan's."""
+    laws = yields, LinearSpring(9.0), LinearDamper(0.1)
     body, problem = flap(*laws)
 
     def angle(u):

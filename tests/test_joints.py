@@ -1,6 +1,7 @@
 """Welds, universal joints and motors of rigid bodies, against what is known of them exactly."""
 
 import re
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -164,6 +165,25 @@ def test_a_motor_may_be_a_controller():
     np.testing.assert_allclose(around, driven(runs[1].t, 0.2), rtol=0, atol=1e-8)
     np.testing.assert_allclose(pushed.rotation(u), 0.4 / 6 / 0.2 * t**3, rtol=0, atol=1e-8)
     np.testing.assert_allclose(pushing.rotation(u), -0.4 / 6 / 0.6 * t**3, rtol=0, atol=1e-8)
+
+
+def test_what_acts_about_an_axis_in_space_needs_a_revolute_joint_with_this_axis():
+    """Its torques on the two bodies are not opposite without the joint, and angular momentum is lost."""
+    adds = {
+        "motor": lambda body, other, axis: body.motor(other, controller, axis),
+        "linear spring": lambda body, other, axis: body.torsional_spring(other, effects.LinearSpring(5.0), axis),
+        "hinge friction in space": lambda body, other, axis: body.friction(other, 0.05, axis),
+    }
+    for name, add in adds.items():
+        for axis, is_right in (((0.0, 0.6, 0.8), True), ((0.0, 0.0, 1.0), False)):
+            scene = Scene(3)
+            body, other = (scene.body(1.0, (0.1, 0.12, 0.15), (x, 0.0, 0.0)) for x in (0.0, 1.0))
+            body.spherical(None, (0.0, 0.0, 0.0))
+            body.revolute(other, (0.5, 0.0, 0.0), (0.0, 0.6, 0.8))
+            add(body, other, axis)
+            message = rf"^{name} \(body 0, body 1\) needs a revolute joint with the same axis .*body\.revolute\("
+            with nullcontext() if is_right else pytest.raises(ValueError, match=message):
+                scene.problem((0.0, 1.0))
 
 
 only_angle = eig3.jit(lambda t, theta, rate: theta)

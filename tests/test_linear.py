@@ -296,7 +296,7 @@ M = np.ones(N)
 UNSYMMETRIC = K.toarray() + np.eye(N, k=2)
 BAD = {
     r"M must be a square matrix, not one of the shape \(2, 3\)": {"M": np.ones((2, 3))},
-    "M must have positive, finite masses, but the mass of degree of freedom 0 is 0": {"M": np.zeros(N)},
+    "M must have positive, finite masses, but the mass of degree of freedom 0 is 0: condense": {"M": np.zeros(N)},
     "M must have positive, finite masses, but the mass of .* 5 is 0": {"M": np.diag([1.0, 1, 1, 1, 1, 0])},
     "M must be positive definite, but a motion has zero or negative mass": {"M": np.ones((N, N))},
     "M must be positive definite": {"M": consistent() - scipy.sparse.eye_array(N)},
@@ -515,6 +515,26 @@ def test_the_exact_motion_of_a_free_structure(given):
     np.testing.assert_allclose(problem.exact(run.t)[0], run.u, rtol=0, atol=1e-11)
 
 
+def test_the_exact_motion_of_a_soft_mode_beside_a_stiff_spring():
+    """Two masses on a stiff spring move together at omega = sqrt(1/2), 2e5 times slower than against each other.
+
+    The square of this frequency has a round-off of at most 1e-16 of the largest square, 2e10, so 4e-6 of itself: the
+    phase omega t = 7 then is off by at most 1.4e-5.
+    """
+    k = 1e10
+    problem = eig3.linear([1.0, 1.0], None, [[k + 1, -k], [-k, k]], t_span=(0, 10), u0=1.0)
+    t = np.linspace(0, 10, 21)
+    np.testing.assert_allclose(problem.exact(t)[0][:, 0], np.cos(np.sqrt(0.5) * t), rtol=0, atol=1.4e-5)
+
+
+def test_the_lowest_mode_of_a_free_structure_is_of_a_rigid_body():
+    """Also where no other mode is known, and the mass coasts for long: its frequency is 0, and not round-off."""
+    K = 1e10 * np.array([[3.0, -3.0, 0.0], [-3.0, 4.1, -1.1], [0.0, -1.1, 1.1]])
+    problem = eig3.linear([0.1, 0.3, 0.7], None, K, t_span=(0, 1e4), v0=1.0)
+    assert problem.modes(1).omega[0] == 0.0
+    np.testing.assert_allclose(eig3.structures.modal_solution(problem, [1e4], modes=1)[0], 1e4, rtol=1e-12)
+
+
 def test_a_changed_copy_has_its_own_exact_motion():
     mass, given = EXACT["modal"]
     problem = eig3.linear(MASSES[mass], None, stiffness(), t_span=(0, 1), u0=U0, v0=V0, **given)
@@ -570,6 +590,18 @@ def test_what_modes_and_factors_are_computed_from_cannot_change_alone():
             refused()
     assert damped.with_(params={"m": heavy[0]}).integrate(h=0.01).success
     assert coupled.with_(params={"K": 2 * stiffness()}).integrate(h=0.01).success
+
+
+def test_each_member_has_positive_masses_and_times_that_increase():
+    problem = eig3.linear(np.ones(N), None, stiffness(), t_span=(0, 1), u0=U0, ground=GROUND, force=TABLE)
+    for name, bad, rule in (
+        ("m", -np.ones(N), "be positive"),
+        ("m", np.full(N, np.nan), "be positive"),
+        ("ground_times", GROUND[0][::-1], "increase"),
+        ("force_times", 0 * TABLE[0], "increase"),
+    ):
+        with pytest.raises(ValueError, match=rf"^params\['{name}'\] must {rule}, but the values of member 1 do not"):
+            problem.ensemble(params={name: [getattr(problem.params, name), bad]}, h=0.01)
 
 
 def test_modal_solutions_of_changed_problems_and_of_some_modes():

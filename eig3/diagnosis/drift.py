@@ -19,6 +19,9 @@ _NOTABLE = 1e-6  # least reported growth over the run, relative to the invariant
 # Least reported growth of an energy minus the work, relative to the larger of both. The errors of the work also #
 # accumulate in a stable run, to 2 % at resonance with EIG-3 and omega h = 0.2.
 _NOTABLE_BALANCE = 0.1
+# An invariant below the first part of its terms is a small difference, such as an energy that is 0 at the start; but a
+# motion that begins with little energy has grown by more than the second part of them.
+_SMALL, _GROWN = 0.01, 0.1
 _VISIBLE = 0.1  # least reported growth over the run, relative to the oscillation of the invariant in a part
 
 
@@ -43,30 +46,41 @@ def excess(march: Stepper | VariableStepper, k: int, h: float) -> float:
     drift = look.drift_of(k)
     if not drift > _BEYOND * abs(look.start_of(k)):  # as in nearly all runs
         return 0.0
-    invariant, work = look.followed.quantities[k].callback, look.followed.work[k]
-
-    def terms(t: float, u: Any, v: Any, more: Any) -> float:
-        speeds = (np.abs(v) + np.abs(more)) * (1 + np.cos(np.arange(march.n) ** 2.0) / 2 if np.ndim(v) else 1.0)
-        if work >= 0:
-            speeds[work] = 0.0
-        rest = invariant.call(t, u, 0 * speeds, march.p)
-        return abs(rest) + abs(invariant.call(t, u, speeds, march.p) - rest) + float(look.most[k])
-
-    t, u, v = march.t, march.u, march.v
-    with np.errstate(over="ignore", invalid="ignore"):
-        try:
-            at_start = terms(march.t0, *march.start, 0.0)
-            at_end = terms(t, u, v, _STEPS * h * march.acceleration(t, u, v))
-        except Exception:  # a function may fail at other velocities, and where it ended the run
-            return 0.0
+    at_start, at_end = _terms(march, k, march.t0, *march.start, 0.0), _terms_at_end(march, k, h)
     return drift / at_start if at_start > 0 and drift > max(_BEYOND * at_start, _SHOWN * at_end) else 0.0
 
 
-def growth(march: Stepper | VariableStepper, k: int) -> float:
+def _terms(march: Stepper | VariableStepper, k: int, t: float, u: Any, v: Any, more: Any) -> float:
+    """Return the size of the terms of an invariant at a state; 0.0 where it fails, as at other velocities."""
+    look: Any = march.look
+    invariant, work = look.followed.quantities[k].callback, look.followed.work[k]
+    with np.errstate(over="ignore", invalid="ignore"):
+        speeds = (np.abs(v) + np.abs(more)) * (1 + np.cos(np.arange(march.n) ** 2.0) / 2 if np.ndim(v) else 1.0)
+        if work >= 0:
+            speeds[work] = 0.0
+        try:
+            rest = invariant.call(t, u, 0 * speeds, march.p)
+            return abs(rest) + abs(invariant.call(t, u, speeds, march.p) - rest) + float(look.most[k])
+        except Exception:
+            return 0.0
+
+
+def _terms_at_end(march: Stepper | VariableStepper, k: int, h: float) -> float:
+    """Return the size of the terms with the velocities of some more steps."""
+    t, u, v = march.t, march.u, march.v
+    with np.errstate(over="ignore", invalid="ignore"):
+        try:
+            more = _STEPS * h * march.acceleration(t, u, v)
+        except Exception:  # a function may fail where it ended the run
+            return 0.0
+    return _terms(march, k, t, u, v, more)
+
+
+def growth(march: Stepper | VariableStepper, k: int, h: float) -> float:
     """The growth of an invariant e over the run, relative to e.
 
     It is 0.0 if e did not grow steadily, and infinite if e overflowed. The growth of an energy minus the work is
-    relative to the larger of the two.
+    relative to the larger of the two, and the growth of a small difference of large terms to the terms at the end.
 
     The growth is steady if e grows from each of the last parts of the run to the next part. A part is longer by a fifth
     than the previous part: the parts then end in different phases of a periodic motion, and the last parts cover nearly
@@ -79,6 +93,8 @@ def growth(march: Stepper | VariableStepper, k: int) -> float:
         The stepper at the end of the run.
     k : int
         The index of the invariant.
+    h : float
+        The step, or the mean step.
     """
     look: Any = march.look
     column, start = look.column(k), look.start_of(k)
@@ -100,9 +116,11 @@ def growth(march: Stepper | VariableStepper, k: int) -> float:
         return math.inf
     growth = float(middle[-1] - middle[0]) * march.index / (places[-1] - places[0])
     if look.followed.work[k] >= 0:
-        size, notable = max(abs(start), float(look.most[k])) or growth, _NOTABLE_BALANCE
+        size, notable = max(abs(start), float(look.most[k])), _NOTABLE_BALANCE
     else:
-        size, notable = abs(start) or growth, _NOTABLE
+        size, notable = abs(start), _NOTABLE
+    terms = _terms_at_end(march, k, h)
+    size = (terms if size < _SMALL * terms and growth < _GROWN * terms else size) or growth
     if growth > size:
         # Such fast growth is not linear.
         growth = float(high[-1] - start)

@@ -35,12 +35,16 @@ class Records(NamedTuple):
         ``check(params, n)`` raises an error if the parameters of n degrees of freedom do not belong together.
     computed : mapping of str to sequence of str
         Parameters that are computed from others, whose values `check` must see in each member.
+    check_members : callable, optional
+        ``check_members(rows, layout, own)`` raises an error if one of the members, which have own values of some
+        parameters, cannot be computed.
     """
 
     tables: Callable[[np.ndarray, Any], list[Table]]
     names: tuple[str, ...] = ()
     check: Callable[[Any, int], None] | None = None
     computed: Mapping[str, Sequence[str]] = MappingProxyType({})
+    check_members: Callable[[np.ndarray, Any, Sequence[str]], None] | None = None
 
 
 def records_of(rhs: Any) -> Records | None:
@@ -105,6 +109,8 @@ def check_together(rhs: Any, params: np.ndarray, own: Sequence[str], n: int) -> 
         computed = any(name in layout.names and {*own} & {*given} for name, given in records.computed.items())
         for p in np.atleast_2d(params)[: None if is_whole or computed else 1]:
             records.check(layout.read(p), n)
+        if records.check_members:
+            records.check_members(np.atleast_2d(params), layout, own)
 
 
 def shortest_loads(

@@ -361,8 +361,9 @@ class Run:
             look = stepper.look
             for name, k in look.followed.invariants.items():
                 is_balance = look.followed.work[k] >= 0
-                grown = self.status is Status.COMPLETED and growth(stepper, k)
-                far = 0.0 if grown else excess(stepper, k, self._fields()["h"])
+                h = self._fields()["h"]
+                grown = self.status is Status.COMPLETED and growth(stepper, k, h)
+                far = 0.0 if grown else excess(stepper, k, h)
                 if grown:
                     notes.append(growth_note(name, grown, is_balance, stepper.method, remedy))
                 elif far:

@@ -240,7 +240,7 @@ class RigidBody:
         """Add friction against rotation of the body relative to another body, or to the ground.
 
         The torque is -(limit / sqrt(rate^2 + regularization_speed^2) + damping) rate; rate is the relative angular
-        rate.
+        rate. In space, the body must have a revolute joint with the same axis.
 
         Parameters
         ----------

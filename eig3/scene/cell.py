@@ -73,13 +73,6 @@ class Cell(Effect):
         super().__init_subclass__(**options)
         check_fields(cls, Cell)
 
-    def check_points(
-        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
-    ) -> None:
-        fixed = np.flatnonzero(np.all([m == 0 for m in masses], axis=0))
-        if fixed.size:
-            raise ValueError(f"{self.title} has only fixed points in cell {fixed[0]}, which cannot move: give masses.")
-
     def refuse_cells(self, wrong: np.ndarray, what: str, remedy: str) -> None:
         """Raise a ValueError that lists the wrong cells, if any are, as in "Bending is flat in cells 3, 5: move"."""
         if wrong.any():

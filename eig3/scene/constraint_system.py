@@ -24,6 +24,7 @@ from .placed import Placed
 
 _WRONG = 1e-9  # the largest phi at the start, relative to the largest length, that is round-off
 _DEPENDENT = 1e-10  # the least pivot of independent rows, relative to the diagonal entry
+_FREE = 1e-8  # the largest mobility of a vector that a joint holds, relative to the mobility without joints
 _NOTED = 1e-6  # a change of the initial velocities, relative to the largest velocity, that is reported
 _MOST_NAMED = 4  # constraints that an error names
 
@@ -44,6 +45,9 @@ class ConstraintSystem:
     effects : list of Effect
     kinds : list of (Placed, ndarray of int, shape (members,))
         The constraints that define `phi`, or have a target that depends on the time, and their rows.
+    hinged : list of (str, Arm, Arm)
+        For laws about an axis in space: the name, a vector of one body across the axis, and the axis as a vector of the
+        other body.
     """
 
     table: ConstraintTable
@@ -52,6 +56,7 @@ class ConstraintSystem:
     counts: Counter[str]
     effects: list[Effect]
     kinds: list[tuple[Placed, np.ndarray]]
+    hinged: list[tuple[str, Arm, Arm]]
 
     @property
     def rows(self) -> tuple[str, ...]:
@@ -112,7 +117,20 @@ def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintS
     rows = [Row(row.arms, slopes=tuple(len(arms) + k for k in row.slopes)) if row.slopes else row for row in rows]
     length = max(np.abs(cloud.positions).max(), *(np.sqrt(abs(row.target)) for row in rows)) or 1.0
     table = ConstraintTable(1 / cloud.masses[cloud.is_own], len(cloud.box), arms, rows, slopes, length, degrees)
-    return ConstraintSystem(table, names, units, counts, [law.effect for law in laws], kinds)
+    return ConstraintSystem(table, names, units, counts, [law.effect for law in laws], kinds, _hinged(cloud, placed))
+
+
+def _hinged(cloud: Any, placed: Sequence[Placed]) -> list[tuple[str, Arm, Arm]]:
+    """Return two vectors of the first body of each law about an axis in space, and the axis."""
+    found = []
+    for law in (law for law in placed if law.effect.needs_hinge):
+        for points in zip(*(array.tolist() for array in law.points), strict=True):
+            name, unit = _name(cloud, words(law.effect.title), points), list(cloud.bodies.carried[points[0]][0])[1:]
+            vector, _, axis = cloud.positions[list(points)]
+            other = _arm(cloud, points[2:], (1.0,), np.zeros(3))
+            for across in (vector, np.cross(axis, vector)):
+                found.append((name, _arm(cloud, unit, cloud.positions[unit] @ across, np.zeros(3)), other))
+    return found
 
 
 def _name(cloud: Any, constraint: str, points: Sequence[int]) -> str:
@@ -181,6 +199,7 @@ def fitting(system: ConstraintSystem, u0: np.ndarray, v0: np.ndarray, t: float) 
         raise ValueError(f"{system.names[row]} {what}: move its points.")
     weights = np.tile(table.weights, table.dimension)
     solve = _factors(system, gradients, weights)
+    _check_hinges(system, u0[:size].reshape(table.dimension, -1).T, gradients, weights, solve)
     wanted = solve(gradients @ v0[:size] + rates)
     change = -weights * (gradients.T @ wanted)
     if np.abs(change).max() > _NOTED * np.abs(v0[:size]).max(initial=0.0):
@@ -191,6 +210,23 @@ def fitting(system: ConstraintSystem, u0: np.ndarray, v0: np.ndarray, t: float) 
             stacklevel=4,
         )
     return np.concatenate([v0[:size] + change, v0[size:]])
+
+
+def _check_hinges(
+    system: ConstraintSystem, places: np.ndarray, gradients: csr_array, weights: np.ndarray, solve: Any
+) -> None:
+    """Refuse a law about an axis if the axes in the two bodies can part: their torques would not be opposite."""
+    for name, *arms in system.hinged:
+        vectors, slope = [arm.factors @ places[arm.points] + arm.constant for arm in arms], np.zeros_like(places)
+        for arm, vector in zip(arms, reversed(vectors), strict=True):
+            slope[arm.points] += np.outer(arm.factors, vector)
+        moved = weights * slope.T.ravel()
+        free = moved - weights * (gradients.T @ solve(gradients @ moved))
+        if slope.T.ravel() @ free > _FREE * (slope.T.ravel() @ moved):
+            raise ValueError(
+                f"{name} needs a revolute joint with the same axis between the same bodies: add "
+                "body.revolute(other, position, axis)."
+            )
 
 
 def _lengths(row: Row, place: float, value: float) -> str:

@@ -107,6 +107,7 @@ class Effect:
     cutoff_field: ClassVar[str] = ""  # see `Link`
     state_size: ClassVar[int] = 1
     directions: ClassVar[int] = 1  # see `Link`
+    needs_hinge: ClassVar[bool] = False  # whether it acts about the axis of a revolute joint in space
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)

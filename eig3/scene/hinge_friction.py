@@ -41,4 +41,5 @@ class HingeFrictionInSpace(HingeFriction):
 
     takes = (3,)
     dimensions = (3,)
+    needs_hinge = True
     forces = staticmethod(friction_in_space)

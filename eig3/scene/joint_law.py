@@ -83,6 +83,7 @@ class HingeLawInSpace(HingeLaw):
 
     takes = (3,)
     dimensions = (3,)
+    needs_hinge = True
     kinematics = angle_in_space, rate_in_space, couple_in_space
 
 
@@ -90,6 +91,7 @@ class HingeLawInSpace(HingeLaw):
 class SlideLaw(HingeLawInSpace):
     """A law for the displacement of the point x0 of a body from x1 of the second body along its unit vector x2."""
 
+    needs_hinge = False
     reach = math.inf
     kinematics = displacement, displacement_rate, forces_along
 

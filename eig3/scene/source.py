@@ -85,8 +85,8 @@ class Symbols:
     members : int
         The number of motions in the law; 1 for other effects.
     names : dict of str to str
-        The names in the source of functions, of parameters with one value for all members, and, as "=force", of
-        results.
+        The names in the source of functions, as "force()", of parameters with one value for all members, and, as
+        "=force", of results.
     events : ndarray of int
         The number of each member's event; empty for an effect without an event.
     """
@@ -112,7 +112,7 @@ class Symbols:
         """Return the source of a call for one member; `offered` has the source of arguments that are not parameters."""
         needed = arguments(self.functions[function])
         values = (self.value(name, member) if name in self.columns else offered[name] for name in needed)
-        return f"{self.names[function]}({', '.join(values)})"
+        return f"{self.names[f'{function}()']}({', '.join(values)})"
 
     def value(self, name: str, member: str) -> str:
         """Return the source of one member's parameter."""
@@ -213,9 +213,10 @@ class Source(Writer):
                 columns[RATE] = Other(lambda member: state("a", first, number(member), size), False)
         members = len(law.columns["direction"]) if "direction" in law.columns else 1
         stem = words(effect.title).replace(" ", "_")
-        names = {name: self._name(f"{stem}_{name}") for name in (*functions, *columns)}
+        names = {f"{function}()": self._name(f"{stem}_{function}") for function in functions}
+        names |= {name: self._name(f"{stem}_{name}") for name in columns}
         names |= {f"={function}": self._name(f"{stem}_{function[0]}") for function in functions}
-        self.functions.update({names[name]: function for name, function in functions.items()})
+        self.functions.update({names[f"{name}()"]: function for name, function in functions.items()})
         events = law.columns.get(EVENT, np.empty(0, dtype=np.int64))
         return Symbols(effect, functions, columns, members, names, events)
 

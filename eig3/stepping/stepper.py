@@ -306,14 +306,13 @@ _NONE = np.empty(0)
 def _kernel(system: System, method: Method, n: int) -> Kernel:
     """Compile or load the kernel of a method for n degrees of freedom."""
     running = method.for_force(system.callback.reads_velocity, n)
-    if system.constrained_step:
-        running = running.with_constraints()
-    formulas, form = running.formulas, system.form
-    check_workspace(running, n)
-    second, address = running.second, system.constrained_step if running.second else None
+    stepping = running.with_constraints() if system.constrained_step else running
+    formulas, form = stepping.formulas, system.form
+    check_workspace(stepping, n)
+    second, address = stepping.second, system.constrained_step if stepping.second else None
     if running.jacobian:
         second, address = "jacobian", check_callback(running.jacobian, "jacobian", form).address
-    settings = np.array(running.settings, dtype=np.float64)
+    settings = np.array(stepping.settings, dtype=np.float64)
     order, looks = system.method.order, system.looks
     if system.inline:
         make = partial(fixed.inline_kernel, formulas, order, form, n, looks=looks)

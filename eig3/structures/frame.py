@@ -79,7 +79,10 @@ class Frame:
             raise ValueError(f"there is a node {name} already: give each node its own name.")
         at = reals(place, f"the place of {name}")
         if at.shape != (self.dimension,) or not np.isfinite(at).all():
-            raise ValueError(f"the place of {name} must have {self.dimension} finite coordinates.")
+            such = ", ".join(map(str, range(self.dimension)))
+            raise ValueError(
+                f"the place of {name} must have {self.dimension} finite coordinates, such as node({name!r}, {such})."
+            )
         self._places[name] = at
 
     def member(

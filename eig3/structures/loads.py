@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -109,6 +109,17 @@ def check_together(params: Any, n: int) -> None:
             raise ValueError(f"params[{name!r}] must be numbers from 0 to {n - 1}, or -1 for the ground.")
 
 
+def check_members(rows: np.ndarray, layout: Any, own: Sequence[str]) -> None:
+    """Refuse own masses of members that are not positive, and own times of records that do not increase."""
+    places = layout.places(layout.read(rows[0])._asdict())
+    for name in sorted({"m", *(times for times, _ in _RECORDS)} & {*own}):
+        values = rows[:, places[name]]
+        good = (values > 0).all(axis=1) if name == "m" else (np.diff(values) > 0).all(axis=1)
+        if not good.all():
+            rule = "be positive" if name == "m" else "increase"
+            raise ValueError(f"params[{name!r}] must {rule}, but the values of member {good.argmin()} do not.")
+
+
 def tables(rows: np.ndarray, layout: Any) -> list[Table]:
     """Return the records in the parameters of members; see `Records`."""
     first = layout.read(rows[0])._asdict()
@@ -122,7 +133,11 @@ def tables(rows: np.ndarray, layout: Any) -> list[Table]:
 
 #: What the right-hand side of a structure knows of its parameters.
 RECORDS = Records(
-    tables, tuple(name for names in _RECORDS for name in names), check_together, {"checksum": ("K", "m", "M")}
+    tables,
+    tuple(name for names in _RECORDS for name in names),
+    check_together,
+    {"checksum": ("K", "m", "M")},
+    check_members,
 )
 
 

@@ -158,7 +158,8 @@ def check_masses(masses: np.ndarray, name: str, n: int | None = None) -> None:
         raise ValueError(f"{name} must have at least one degree of freedom, but it is empty.")
     bad = np.flatnonzero(~(np.isfinite(masses) & (masses > 0)))
     if bad.size:
+        remedy = ": condense it out of K, or give it a mass" if masses[bad[0]] == 0 else ""
         raise ValueError(
             f"{name} must have positive, finite masses, but the mass of degree of freedom {bad[0]} is "
-            f"{masses[bad[0]]:g}."
+            f"{masses[bad[0]]:g}{remedy}."
         )

@@ -18,7 +18,6 @@ from .modes import natural_modes
 from .structure import mass_of, matrix_of
 
 _LARGEST = 1000  # degrees of freedom up to which all modes are computed, in some tenths of a second
-_RIGID = 1e-10  # relative to the largest square of a frequency; a mode below it is a rigid-body mode
 _MIXED = 1e-8  # relative to the largest damping rate; a smaller coupling of two modes is neglected
 _SERIES = 1e-2  # up to this x, a series of three terms for sinh(x) is exact
 _TERMS = 18  # of a Taylor series of exp(x) that is exact up to x = 1
@@ -187,9 +186,8 @@ class ModalMotion:
         the initial values.
         """
         omega, c, tau = self._modes[0], self._rates, tau[:, None]
-        square = omega**2
-        rigid = square <= _RIGID * max(square.max(), np.finfo(float).tiny)
-        w = np.where(rigid, 1.0, square)
+        rigid = omega == 0
+        w = np.where(rigid, 1.0, omega**2)
         velocity = slope / w
         place = (force - c * velocity) / w
         free = _free(np.where(rigid, 1.0, omega), c, tau, q - place, rate - velocity)

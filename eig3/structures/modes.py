@@ -14,6 +14,7 @@ from .matrices import Mass
 _ALL = 0.5  # with a larger share of the modes, all modes are computed by full matrices
 _SHIFT = 1e-9  # relative to the largest square of a frequency
 _NEGATIVE = 1e-11  # the same; more is not round-off
+_ZERO = 1e-14  # the same; less is round-off of a rigid-body mode, which is at most 1e-16
 _FULL = 500  # up to this number of degrees of freedom, full matrices are used
 
 
@@ -75,6 +76,8 @@ def modes_of(mass: Mass, K: Any, count: int, influence: np.ndarray) -> Modes:
 def natural_modes(mass: Mass, K: Any, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest angular frequencies, rad/s, and the modes, shape (n, k), normalised with M.
 
+    The frequency of a rigid-body mode is 0.
+
     Raises
     ------
     ValueError
@@ -90,12 +93,13 @@ def natural_modes(mass: Mass, K: Any, count: int) -> tuple[np.ndarray, np.ndarra
         squares, shapes = scipy.sparse.linalg.eigsh(K, count, mass.matrix, sigma=shift)
         order = np.argsort(squares)
         squares, shapes = squares[order], shapes[:, order]
-    if squares[0] < -_NEGATIVE * (K.diagonal() / mass.matrix.diagonal()).max():
+    largest = (K.diagonal() / mass.matrix.diagonal()).max()
+    if squares[0] < -_NEGATIVE * largest:
         raise ValueError(
             f"K must have no negative eigenvalue: a mode has omega^2 = {squares[0]:.3g}, so the structure is unstable "
             "and has no frequency there; check the signs of K, or integrate the problem."
         )
-    return np.sqrt(np.maximum(squares, 0.0)), shapes
+    return np.sqrt(np.where(squares > _ZERO * largest, squares, 0.0)), shapes
 
 
 def highest_frequency(mass: Mass, K: Any) -> float:
