@@ -316,6 +316,7 @@ BAD = {
     "the influence of ground must be 6 finite numbers": {"ground": (*GROUND, np.ones(3))},
     "ground must have one acceleration for each time": {"ground": (GROUND[0], np.ones((11, 2)))},
     "the degrees of force must be whole numbers from 0 to 5": {"force": (*GROUND, [9])},
+    r"the degrees of force must be .* take names\.index\(name\)": {"force": (*GROUND, ["roof.ux"])},
     "force must have 2 values for each time, not values of the shape": {"force": (*GROUND, [1, 2])},
 }
 BAD_TYPES = {

@@ -48,7 +48,10 @@ def check_table(force: Any, n: int) -> dict[str, Any]:
     degrees = np.atleast_1d(np.asarray(rest[0])) if rest else np.arange(n)
     values = values[:, None] if values.ndim == 1 else values
     if degrees.dtype.kind not in "ui" or degrees.ndim != 1 or not ((degrees >= 0) & (degrees < n)).all():
-        raise ValueError(f"the degrees of force must be whole numbers from 0 to {n - 1}.")
+        raise ValueError(
+            f"the degrees of force must be whole numbers from 0 to {n - 1}: for a name, such as 'roof.ux', take "
+            "names.index(name)."
+        )
     if values.ndim != 2 or values.shape[1] != degrees.size:
         raise ValueError(
             f"force must have {degrees.size} values for each time, not values of the shape {values.shape}."
