@@ -168,6 +168,15 @@ def test_the_fewest_stable_steps(method):
     assert runs.history(method, fewest // 2) is None
 
 
+@pytest.mark.parametrize(("error", "is_known"), [(0.1, False), (0.005, True)])
+def test_a_run_close_to_unstable_does_not_show_how_errors_grow(error, is_known):
+    """On a busy machine, such a run of a chaotic motion let a plan promise an accuracy over a time 16 times as long."""
+    runs = pilots.Pilots(problems.spring_pendulum(t_end=100.0), "trajectory", 1e-6)
+    runs.look_at(1 / 16)
+    runs.note_growth([pilots.Run(61, 1.0, seen_error=1e-4)], 1.0, pilots.Run(976, error, seen_error=error))
+    assert runs.knows_growth == is_known
+
+
 @pytest.mark.parametrize("slow_processor", [1, 3])
 def test_chaos_is_reported(slow_processor, monkeypatch):
     """Also on a busy machine: when the wall clock limited the runs, they covered too short a part of the motion.

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..diagnosis.coarseness import coarse_events, links_of, long_ways
 from ..diagnosis.stiffness import VERY_MANY_STEPS
-from ..functions.companions import cutoffs_of, mark
+from ..functions.companions import mark
 from ..result.solution import Status
 from ..run.instability import has_grown, instability
 from ..stepping.run_options import RunOptions
@@ -26,11 +26,11 @@ def add_step_notes(solution: EnsembleSolution, single: Singles, members: Members
     notes = []
     if links := links_of(options.events) if options.events else ():
         notes.append(coarse_events(members.steps, solution.events, links, members.first))
-    if cutoffs := cutoffs_of(single.rhs):
+    if cutoffs := mark(single.rhs, "cutoffs"):
         ends = solution.v[np.arange(len(solution)), solution._n_rows() - 1]
         speeds = np.where(solution.status == Status.COMPLETED, cutoffs.speeds(members.v0, ends), 0.0)
         notes.append(long_ways(members.steps, speeds, cutoffs.least(members.params), members.first))
-    if members.n_steps.max() >= VERY_MANY_STEPS or mark(single.rhs, "is_linear"):
+    if np.maximum.reduce(members.n_steps) >= VERY_MANY_STEPS or mark(single.rhs, "is_linear"):
         notes.append(_instability(solution, single, members))
     solution.notes += (*filter(None, notes),)
 

@@ -399,7 +399,8 @@ class Search(Timed):
         h = t / last.n_steps
         if last.error < CONVERGING and not self.pilots.knows_growth:
             return (
-                f"the error is {last.error:.1e} with h = {h:.2g}; no run over more than {t:.3g} time units was stable"
+                f"the error is {last.error:.1e} with h = {h:.2g}; no run over more than {t:.3g} time units shows how "
+                "it grows"
             )
         return (
             f"the error does not converge down to h = {h:.2g}, where it is {last.error:.1e} (chaos, or a step still "
