@@ -325,9 +325,13 @@ class _Search:
             self.reason = self._deadline.reason(0.0) or f"the next run had the status {solution.status.value}"
             is_unstable = self.knob == "h" and solution.status is Status.DIVERGED
             return value * _SHORTEN if is_unstable and self._may_run(seconds / _SHORTEN) else None
-        miss = max(self.goal.misses(solution).values())
+        misses = self.goal.misses(solution)
+        miss, is_lost = max(misses.values()), self.knob == "h" and solution.reliable_until is not None
         self.reached = miss <= 1
-        self._stalled = self._stalls_with(miss, solution, value)
+        if is_lost and any(each > 1 for name, each in misses.items() if name != "drift"):
+            self._stalled = self._stalls_in_chaos(solution, value)
+        else:
+            self._stalled += any(miss > LEAST_GAIN * each for each, _ in self.runs)
         self.runs.append((miss, solution))
         least = LEAST if self.knob == "rtol" else 0.0
         if self.reached:
@@ -336,31 +340,27 @@ class _Search:
             self.reason = ""
             return None
         order = 1.0 if self.knob == "rtol" else max(1.0, solution.order or solution.method.order)
-        factor = min(0.5, max(_SHORTEN if self._is_lost(solution) else LARGEST_CHANGE, (AIM / miss) ** (1 / order)))
+        factor = min(0.5, max(_SHORTEN if is_lost else LARGEST_CHANGE, (AIM / miss) ** (1 / order)))
         if self.knob == "h":  # the time outside the kernel does not grow with the steps
             seconds = min(seconds, _WITH_ERROR * solution.kernel_seconds) / factor
         return max(least, value * factor) if self._may_run(seconds) else None
 
-    def _stalls_with(self, miss: float, solution: Solution, value: float) -> int:
+    def _stalls_in_chaos(self, solution: Solution, value: float) -> int:
         """Return the number of runs up to this run that show that shorter steps hardly help.
 
-        If no digit is right at the end, all errors are as large as the motion, and the times up to which digits are
+        If no digit is right at the end, the errors are as large as the motion, and the times up to which digits are
         right are compared. In a regular motion, an error grows at most with the square of time, and these times at
-        least like h^(-order / 2). In chaos they grow like the logarithm of 1 / h.
+        least like h^(-order / 2). In chaos they grow like the logarithm of 1 / h. The drift may converge all the same.
         """
-        if not self._is_lost(solution):
-            return self._stalled + any(miss > LEAST_GAIN * each for each, _ in self.runs)
         assert solution.reliable_until is not None
         before, right = self._right, float(solution.reliable_until - solution.t[0])
         self._right = (value, right) if right >= _RESOLVED * value else None
-        if not before or not self._right or right <= before[1]:
+        if not before or not self._right:
             return self._stalled
+        if right <= before[1]:  # while the step is too long, or a little by round-off after a sign of chaos
+            return self._stalled + (self._stalled > 0 and right > before[1] / 2)
         power = math.log(right / before[1]) / math.log(before[0] / value)
         return self._stalled + 1 if power < solution.method.order / 4 else 0
-
-    def _is_lost(self, solution: Solution) -> bool:
-        """Whether a fixed step leaves no digit at the end."""
-        return self.knob == "h" and solution.reliable_until is not None
 
     def _may_run(self, seconds: float) -> bool:
         """Whether there may be a further run of this time."""
