@@ -303,6 +303,18 @@ def test_a_linear_structure_that_grows_a_little_is_noted():
 
 
 @eig3.jit
+def forwards(t, u, v, p):
+    if v < 0:
+        raise RuntimeError("v is negative")
+    return 1.0 - 0.1 * v
+
+
+def test_a_function_that_fails_beside_the_start_has_no_note():
+    """The mass begins at rest. The error had ended a run, and an ensemble, that had completed."""
+    assert integrate(forwards, (0, 300), 1.0, 0.0, h=0.01, save_every=None).notes == ()
+
+
+@eig3.jit
 def unbalance(t, u, v, p, out):
     out[0] += np.cos(2 * t)
     out[1] += np.sin(2 * t)
