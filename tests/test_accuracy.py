@@ -220,6 +220,19 @@ def test_memory_is_the_reason(monkeypatch):
     assert "with h = 0.000123 the estimated error needs 1.64e+08 bytes and 1e+08 are free" in solution.message
 
 
+def test_the_words_of_numpy_about_memory_are_whole(monkeypatch):
+    """They have no full stop, which is left out of the reason."""
+    error, seen = module._error, []
+
+    def second_fails(*given):
+        seen.append(given)
+        return error(*given) if len(seen) == 1 else np.empty(10**16)
+
+    monkeypatch.setattr(module, "_error", second_fails)
+    solution = problems.kepler().integrate(accuracy=1e-6, method="eig3", save_every=100)
+    assert "data type float64: the estimated error is" in solution.message
+
+
 def ticking(monkeypatch, *owners):
     """Let each look at the clock take a second."""
     clock = count()

@@ -234,7 +234,7 @@ def reach(
         except MemoryError as error:
             if not search.runs:
                 raise
-            search.reason = f"with {knob} = {value:.3g} {str(error)[:-1]}"
+            search.reason = f"with {knob} = {value:.3g} {str(error).rstrip('.')}"
             break
         following = search.after(solution, value)
         if following is None:
