@@ -207,6 +207,21 @@ def test_the_drift_converges_in_chaos_too():
     assert solution.reliable_until < 60
 
 
+def test_the_best_run_for_a_drift_has_the_least_drift(monkeypatch):
+    """The drift of BM6 reaches round-off while no digit of u is right at the end."""
+    seen, after = [], module._Search.after
+
+    def watched(search, solution, value):
+        seen.append(solution.drift["energy"])
+        return after(search, solution, value)
+
+    monkeypatch.setattr(module._Search, "after", watched)
+    problem = problems.henon_heiles(0.1666, -0.15)
+    solution = problem.integrate(accuracy={"drift": 1e-17}, method="bm6", t_end=2000.0, save_every=50)
+    assert solution.drift["energy"] == min(seen)
+    assert "because round-off" in solution.message
+
+
 def test_steps_that_are_too_long_are_no_chaos():
     """Kepler's ellipse is regular. With EIG3, a fourth of the first step leaves fewer digits right than this step."""
     assert problems.kepler().integrate(accuracy=1e-2, method="eig3", save_every=1000).success

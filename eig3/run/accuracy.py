@@ -305,6 +305,7 @@ class _Search:
     def __init__(self, goal: Goal, knob: str, deadline: Deadline) -> None:
         self.goal, self.knob, self._deadline = goal, knob, deadline
         self.coarser = RATIO if knob == "rtol" else None  # a tolerance and the error of a run are about in proportion
+        self._is_of_drift = goal.wanted.keys() == {"drift"}  # which may converge in chaos too
         self.runs: list[tuple[float, Solution]] = []  # each error as a multiple of the wanted error, and the run
         self.reached, self.reason = False, f"{MOST_RUNS} runs were not enough"
         self._count, self._stalled, self._before = 0, 0, 0.0
@@ -325,10 +326,10 @@ class _Search:
             self.reason = self._deadline.reason(0.0) or f"the next run had the status {solution.status.value}"
             is_unstable = self.knob == "h" and solution.status is Status.DIVERGED
             return value * _SHORTEN if is_unstable and self._may_run(seconds / _SHORTEN) else None
-        misses = self.goal.misses(solution)
-        miss, is_lost = max(misses.values()), self.knob == "h" and solution.reliable_until is not None
+        miss = max(self.goal.misses(solution).values())
+        is_lost = self.knob == "h" and solution.reliable_until is not None
         self.reached = miss <= 1
-        if is_lost and any(each > 1 for name, each in misses.items() if name != "drift"):
+        if is_lost and not self._is_of_drift:
             self._stalled = self._stalls_in_chaos(solution, value)
         else:
             self._stalled += any(miss > LEAST_GAIN * each for each, _ in self.runs)
@@ -350,7 +351,7 @@ class _Search:
 
         If no digit is right at the end, the errors are as large as the motion, and the times up to which digits are
         right are compared. In a regular motion, an error grows at most with the square of time, and these times at
-        least like h^(-order / 2). In chaos they grow like the logarithm of 1 / h. The drift may converge all the same.
+        least like h^(-order / 2). In chaos they grow like the logarithm of 1 / h.
         """
         assert solution.reliable_until is not None
         before, right = self._right, float(solution.reliable_until - solution.t[0])
@@ -371,12 +372,12 @@ class _Search:
     def best(self) -> Solution:
         """Return the run with the smallest error, with the reason why the accuracy is not reached.
 
-        In chaos, all errors are as large as the motion: then it is the run whose digits are right for the longest time.
+        In chaos, the errors are as large as the motion: then it is the run whose digits are right for the longest time.
         """
-        _, solution = min(self.runs, key=lambda run: (-_right_until(run[1]), run[0]))
+        _, solution = min(self.runs, key=lambda run: (0.0 if self._is_of_drift else -_right_until(run[1]), run[0]))
         misses = self.goal.misses(solution)
         name = max(misses, key=lambda each: misses[each])
-        wanted, reason = self.goal.wanted[name], self.reason or why(solution.error)
+        wanted, reason = self.goal.wanted[name], self.reason or why(None if self._is_of_drift else solution.error)
         solution.status = Status.ACCURACY_NOT_REACHED
         solution.message = (
             f"The accuracy {wanted:g} of {name} is not reached, because {reason}: the estimated error is "
@@ -390,7 +391,7 @@ def _right_until(solution: Solution) -> float:
 
 
 def why(error: Any) -> str:
-    """Return the reason why a shorter step does not help, from the estimated errors."""
-    if error.reliable_until is not None:
+    """Return the reason why a shorter step does not help, from the estimated errors; None for the drift alone."""
+    if error and error.reliable_until is not None:
         return f"no digit of u is right after t = {error.reliable_until:.4g}, as in a chaotic motion"
     return "round-off, or kinks of the motion, limit the error"
