@@ -191,6 +191,37 @@ def test_a_chaotic_motion_is_known_by_short_runs(monkeypatch):
     assert 150 / min(seen) < 1e6
 
 
+def test_round_off_in_chaos_is_seen():
+    """EIG of grade 13 reaches round-off with 100 steps in a unit of time: then no digit is right for longer."""
+    problem = problems.henon_heiles(0.1666, -0.15)
+    solution = problem.integrate(accuracy=1e-9, method="eig13", t_end=5000.0, save_every=50)
+    assert "as in a chaotic motion" in solution.message
+    assert solution.h > 1e-3
+
+
+def test_the_drift_converges_in_chaos_too():
+    """No digit of u is right at the end, but RK4 decreases the drift with h^4 or more."""
+    problem = problems.double_pendulum(theta1=2.0, theta2=2.5, t_end=60.0)
+    solution = problem.integrate(accuracy={"drift": 1e-9}, method="rk4", save_every=100)
+    assert solution.success
+    assert solution.reliable_until < 60
+
+
+def test_the_best_run_for_a_drift_has_the_least_drift(monkeypatch):
+    """The drift of BM6 reaches round-off while no digit of u is right at the end."""
+    seen, after = [], module._Search.after
+
+    def watched(search, solution, value):
+        seen.append(solution.drift["energy"])
+        return after(search, solution, value)
+
+    monkeypatch.setattr(module._Search, "after", watched)
+    problem = problems.henon_heiles(0.1666, -0.15)
+    solution = problem.integrate(accuracy={"drift": 1e-17}, method="bm6", t_end=2000.0, save_every=50)
+    assert solution.drift["energy"] == min(seen)
+    assert "because round-off" in solution.message
+
+
 def test_steps_that_are_too_long_are_no_chaos():
     """Kepler's ellipse is regular. With EIG3, a fourth of the first step leaves fewer digits right than this step."""
     assert problems.kepler().integrate(accuracy=1e-2, method="eig3", save_every=1000).success
@@ -202,6 +233,19 @@ def test_memory_is_the_reason(monkeypatch):
     solution = problems.kepler().integrate(accuracy=1e-6, method="eig3")
     assert solution.status is Status.ACCURACY_NOT_REACHED
     assert "with h = 0.000123 the estimated error needs 1.64e+08 bytes and 1e+08 are free" in solution.message
+
+
+def test_the_words_of_numpy_about_memory_are_whole(monkeypatch):
+    """They have no full stop, which is left out of the reason."""
+    error, seen = module._error, []
+
+    def second_fails(*given):
+        seen.append(given)
+        return error(*given) if len(seen) == 1 else np.empty(10**16)
+
+    monkeypatch.setattr(module, "_error", second_fails)
+    solution = problems.kepler().integrate(accuracy=1e-6, method="eig3", save_every=100)
+    assert "data type float64: the estimated error is" in solution.message
 
 
 def ticking(monkeypatch, *owners):

@@ -302,6 +302,27 @@ def test_a_linear_structure_that_grows_a_little_is_noted():
     assert of_members == f"{note} This is member 1 of the 1 members that have grown."
 
 
+def test_members_of_a_linear_structure_share_the_critical_step(monkeypatch):
+    """All members grow from u = 0.1 or less to 1. To find the limit takes far longer than their runs."""
+    seen = []
+    monkeypatch.setattr("eig3.ensembles.step_notes.instability", lambda *given: seen.append(given) or "")
+    free = eig3.linear([1.0, 1.0], None, np.eye(2), t_span=(0, 1.5), v0=1.0)
+    free.ensemble(u0=np.outer(np.linspace(0.01, 0.1, 8), np.ones(2)), h=0.1)
+    assert len(seen) == 1
+
+
+@eig3.jit
+def forwards(t, u, v, p):
+    if v < 0:
+        raise RuntimeError("v is negative")
+    return 1.0 - 0.1 * v
+
+
+def test_a_function_that_fails_beside_the_start_has_no_note():
+    """The mass begins at rest. The error had ended a run, and an ensemble, that had completed."""
+    assert integrate(forwards, (0, 300), 1.0, 0.0, h=0.01, save_every=None).notes == ()
+
+
 @eig3.jit
 def unbalance(t, u, v, p, out):
     out[0] += np.cos(2 * t)

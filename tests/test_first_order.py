@@ -331,6 +331,15 @@ def test_errors_and_accuracy_of_z():
     assert np.abs(reached.z["z"] - [exact(t)[2] for t in reached.t]).max() < 1e-9
 
 
+def test_the_memory_for_errors_has_z(monkeypatch):
+    """Four histories of t, u, v and z, or in an ensemble of u, v and z, with 8 bytes for a value."""
+    monkeypatch.setattr("eig3.result.memory.available_memory", lambda: 8e6)
+    with pytest.raises(MemoryError, match=r"the estimated error needs 1.28e.07 bytes"):
+        run(span=(0, 1), h=1e-5, check=True)
+    with pytest.raises(MemoryError, match=r"the estimated error needs 9.61e.06 bytes"):
+        eig3.ensemble(solid, (0, 1), np.ones((100, 1)), [0.3], z0=0.2, params=P, h=1e-3, save_every=1, check=True)
+
+
 def test_sensitivities_and_fits_find_z0():
     problem = eig3.Problem("solid", solid, [1.0], [0.3], P, (0.0, END), z0={"stretch": 0.2})
     found = eig3.sensitivities(problem, ["stretch", "p[2]"], h=2e-3, method="rk4")

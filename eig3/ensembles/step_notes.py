@@ -47,7 +47,10 @@ def _instability(solution: EnsembleSolution, single: Singles, members: Members) 
     grown = np.flatnonzero(has_grown(system, solution.n_steps[completed], ends, starts))
     with np.errstate(all="ignore"):
         growth = np.fmax(*(end[grown] / start[grown] for end, start in zip(ends, starts, strict=True)))
-    for i in completed[grown[np.argsort(-growth)[:_MOST]]].tolist():
+    found = completed[grown[np.argsort(-growth)]]
+    if mark(single.rhs, "is_linear") and not members.has_own_params and len(found):
+        found = found[[members.steps[found].argmax()]]  # the members differ in their start, and share the critical step
+    for i in found[:_MOST].tolist():
         stepper: Any = single.prepared(i).at_start(members.t_span, *members.start(i))
         if note := instability(stepper, int(solution.n_steps[i])):
             return f"{note} This is member {members.first + i} of the {len(grown)} members that have grown."

@@ -234,7 +234,7 @@ def reach(
         except MemoryError as error:
             if not search.runs:
                 raise
-            search.reason = f"with {knob} = {value:.3g} {str(error)[:-1]}"
+            search.reason = f"with {knob} = {value:.3g} {str(error).rstrip('.')}"
             break
         following = search.after(solution, value)
         if following is None:
@@ -305,6 +305,7 @@ class _Search:
     def __init__(self, goal: Goal, knob: str, deadline: Deadline) -> None:
         self.goal, self.knob, self._deadline = goal, knob, deadline
         self.coarser = RATIO if knob == "rtol" else None  # a tolerance and the error of a run are about in proportion
+        self._is_of_drift = goal.wanted.keys() == {"drift"}  # which may converge in chaos too
         self.runs: list[tuple[float, Solution]] = []  # each error as a multiple of the wanted error, and the run
         self.reached, self.reason = False, f"{MOST_RUNS} runs were not enough"
         self._count, self._stalled, self._before = 0, 0, 0.0
@@ -326,8 +327,12 @@ class _Search:
             is_unstable = self.knob == "h" and solution.status is Status.DIVERGED
             return value * _SHORTEN if is_unstable and self._may_run(seconds / _SHORTEN) else None
         miss = max(self.goal.misses(solution).values())
+        is_lost = self.knob == "h" and solution.reliable_until is not None
         self.reached = miss <= 1
-        self._stalled = self._stalls_with(miss, solution, value)
+        if is_lost and not self._is_of_drift:
+            self._stalled = self._stalls_in_chaos(solution, value)
+        else:
+            self._stalled += any(miss > LEAST_GAIN * each for each, _ in self.runs)
         self.runs.append((miss, solution))
         least = LEAST if self.knob == "rtol" else 0.0
         if self.reached:
@@ -336,31 +341,27 @@ class _Search:
             self.reason = ""
             return None
         order = 1.0 if self.knob == "rtol" else max(1.0, solution.order or solution.method.order)
-        factor = min(0.5, max(_SHORTEN if self._is_lost(solution) else LARGEST_CHANGE, (AIM / miss) ** (1 / order)))
+        factor = min(0.5, max(_SHORTEN if is_lost else LARGEST_CHANGE, (AIM / miss) ** (1 / order)))
         if self.knob == "h":  # the time outside the kernel does not grow with the steps
             seconds = min(seconds, _WITH_ERROR * solution.kernel_seconds) / factor
         return max(least, value * factor) if self._may_run(seconds) else None
 
-    def _stalls_with(self, miss: float, solution: Solution, value: float) -> int:
+    def _stalls_in_chaos(self, solution: Solution, value: float) -> int:
         """Return the number of runs up to this run that show that shorter steps hardly help.
 
-        If no digit is right at the end, all errors are as large as the motion, and the times up to which digits are
+        If no digit is right at the end, the errors are as large as the motion, and the times up to which digits are
         right are compared. In a regular motion, an error grows at most with the square of time, and these times at
         least like h^(-order / 2). In chaos they grow like the logarithm of 1 / h.
         """
-        if not self._is_lost(solution):
-            return self._stalled + any(miss > LEAST_GAIN * each for each, _ in self.runs)
         assert solution.reliable_until is not None
         before, right = self._right, float(solution.reliable_until - solution.t[0])
         self._right = (value, right) if right >= _RESOLVED * value else None
-        if not before or not self._right or right <= before[1]:
+        if not before or not self._right:
             return self._stalled
+        if right <= before[1]:  # while the step is too long, or a little by round-off after a sign of chaos
+            return self._stalled + (self._stalled > 0 and right > before[1] / 2)
         power = math.log(right / before[1]) / math.log(before[0] / value)
         return self._stalled + 1 if power < solution.method.order / 4 else 0
-
-    def _is_lost(self, solution: Solution) -> bool:
-        """Whether a fixed step leaves no digit at the end."""
-        return self.knob == "h" and solution.reliable_until is not None
 
     def _may_run(self, seconds: float) -> bool:
         """Whether there may be a further run of this time."""
@@ -371,12 +372,12 @@ class _Search:
     def best(self) -> Solution:
         """Return the run with the smallest error, with the reason why the accuracy is not reached.
 
-        In chaos, all errors are as large as the motion: then it is the run whose digits are right for the longest time.
+        In chaos, the errors are as large as the motion: then it is the run whose digits are right for the longest time.
         """
-        _, solution = min(self.runs, key=lambda run: (-_right_until(run[1]), run[0]))
+        _, solution = min(self.runs, key=lambda run: (0.0 if self._is_of_drift else -_right_until(run[1]), run[0]))
         misses = self.goal.misses(solution)
         name = max(misses, key=lambda each: misses[each])
-        wanted, reason = self.goal.wanted[name], self.reason or why(solution.error)
+        wanted, reason = self.goal.wanted[name], self.reason or why(None if self._is_of_drift else solution.error)
         solution.status = Status.ACCURACY_NOT_REACHED
         solution.message = (
             f"The accuracy {wanted:g} of {name} is not reached, because {reason}: the estimated error is "
@@ -390,7 +391,7 @@ def _right_until(solution: Solution) -> float:
 
 
 def why(error: Any) -> str:
-    """Return the reason why a shorter step does not help, from the estimated errors."""
-    if error.reliable_until is not None:
+    """Return the reason why a shorter step does not help, from the estimated errors; None for the drift alone."""
+    if error and error.reliable_until is not None:
         return f"no digit of u is right after t = {error.reliable_until:.4g}, as in a chaotic motion"
     return "round-off, or kinks of the motion, limit the error"

@@ -412,7 +412,8 @@ class Run:
             If the method adds random numbers, or the error does not fit in memory.
         """
         check_repeatable(self.stepper.method)
-        check_error(sum(x.nbytes for x in (solution.t, solution.u, solution.v, *solution.outputs.values())))
+        quantities = *solution.outputs.values(), *solution.z.values()
+        check_error(sum(x.nbytes for x in (solution.t, solution.u, solution.v, *quantities)))
         try:
             error = self.error_of(solution, cancel) if coarser is None else self.error_by(coarser, solution, cancel)
         except _InterruptedComparisonError:

@@ -36,7 +36,7 @@ def instability(stepper: Stepper, n_steps: int) -> str:
     except NoStableStepError as error:  # which is often so weak that only a long run shows it
         is_shown = stepper.system.first_order.is_read or n_steps >= VERY_MANY_STEPS
         return str(error) if is_shown else ""
-    except ValueError:  # nothing limits the step
+    except Exception:  # nothing limits the step, or the function fails beside the start
         return ""
     if stepper.h <= limit:
         return ""
