@@ -30,7 +30,7 @@ def add_step_notes(solution: EnsembleSolution, single: Singles, members: Members
         ends = solution.v[np.arange(len(solution)), solution._n_rows() - 1]
         speeds = np.where(solution.status == Status.COMPLETED, cutoffs.speeds(members.v0, ends), 0.0)
         notes.append(long_ways(members.steps, speeds, cutoffs.least(members.params), members.first))
-    if np.maximum.reduce(members.n_steps) >= VERY_MANY_STEPS or mark(single.rhs, "is_linear"):
+    if np.maximum.reduce(members.n_steps) >= VERY_MANY_STEPS:  # the search takes far longer than a short ensemble
         notes.append(_instability(solution, single, members))
     solution.notes += (*filter(None, notes),)
 
