@@ -231,7 +231,7 @@ class Balance:
 
     def summary(self) -> str:
         """Describe the energy at both ends, and the largest change of the energy minus the work."""
-        energy, work, unit = self.energy, self.work, f" {self.unit}".removesuffix("-").rstrip()
+        energy, work, unit = self.energy, self.work, "" if self.unit in ("", "-") else f" {self.unit}"
         change = energy if work is None else energy - work
         unexplained = np.abs(change - change[0]).max()
         lines = [

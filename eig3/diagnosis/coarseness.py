@@ -23,6 +23,7 @@ _SUFFICIENT = 20  # steps in a period, for the step to suggest
 _FEW, _FEW_OF_HIGH_ORDER = 6, 3  # least steps in a period, for methods up to and above _LOW_ORDER
 _LOW_ORDER = 4
 _CONTACTS = 10  # fewer events may be rare
+_JUMP, _SHORT_WAY = 0.5, 0.125  # ways in a step, of a contact distance: one that may jump over it, one to suggest
 _SHORT = 8  # a shorter run does not show its period, because any motion has a curvature
 _ROWS, _VALUES = 64, 2**14  # the largest part of the history that is analysed
 _STANDING = 1e-10  # a smaller motion relative to |u| is round-off
@@ -95,12 +96,12 @@ def long_ways(h: np.ndarray, speeds: np.ndarray, least: float, first: int = 0) -
     """
     ways = h * speeds
     i = int(ways.argmax())
-    if not least / 2 < ways[i] < math.inf:
+    if not _JUMP * least < ways[i] < math.inf:
         return ""
     whose = f" This is member {first + i}." if len(h) > 1 else ""
     return (
         f"h = {h[i]:g} is long for the contacts: a point moves by {ways[i]:.2g} in a step, and may pass through "
-        f"another that acts on it within {least:.2g} only. Take h = {least / 8 / speeds[i]:.2g}.{whose}"
+        f"another that acts on it within {least:.2g} only. Take h = {_SHORT_WAY * least / speeds[i]:.2g}.{whose}"
     )
 
 

@@ -29,8 +29,7 @@ def errors_of_members(
     is_goal: bool,
 ) -> MemberErrors:
     """Run the ensemble with finer and with coarser steps; for a goal, a finer ensemble with tolerances is enough."""
-    quantities = *solution.outputs.values(), *solution.z.values()
-    check_error(sum(x.nbytes for x in (solution.u, solution.v, *quantities)))
+    check_error(solution.u, solution.v, *solution.outputs.values(), *solution.z.values())
     others: list[tuple[Members, RunOptions, float]]
     if options.tolerances:
         ratios = companion_ratios(options.tolerances)[: 1 if is_goal else None]

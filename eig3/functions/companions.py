@@ -76,11 +76,6 @@ class Cutoffs(NamedTuple):
         return np.max([np.abs(np.atleast_2d(each)[:, : self.degrees]).max(axis=1) for each in v], axis=0)
 
 
-def cutoffs_of(rhs: Any) -> Cutoffs | None:
-    """Return the cutoffs of a right-hand side, or None. They are pickled with the Python function."""
-    return mark(rhs, "cutoffs")
-
-
 def mark(rhs: Any, name: str) -> Any:
     """Return an attribute of the Python function that others bind to named parameters or unknowns, or None."""
     function: Any = getattr(rhs, "py_func", None)

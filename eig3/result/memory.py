@@ -43,9 +43,9 @@ def check_history(n_steps: int, every: int, n: int, n_outputs: int = 0) -> None:
     )
 
 
-def check_error(history: int) -> None:
-    """Raise a MemoryError if the errors of runs, whose histories have this number of bytes, do not fit."""
-    needed = _OF_ERROR * history
+def check_error(*history: np.ndarray) -> None:
+    """Raise a MemoryError if the errors of runs, whose histories are these arrays, do not fit."""
+    needed = _OF_ERROR * sum(x.nbytes for x in history)
     if needed > NOT_WORTH_A_LOOK and needed > (free := available_memory()):
         raise MemoryError(
             f"the estimated error needs {needed:.3g} bytes and {free:.3g} are free; save fewer states by save_every "

@@ -358,10 +358,9 @@ class Run:
         """
         stepper, notes = self.stepper, []
         if stepper.look and not stepper.method.is_stochastic and self.status is not Status.DIVERGED:
-            look = stepper.look
+            look, h = stepper.look, self._fields()["h"]
             for name, k in look.followed.invariants.items():
                 is_balance = look.followed.work[k] >= 0
-                h = self._fields()["h"]
                 grown = self.status is Status.COMPLETED and growth(stepper, k, h)
                 far = 0.0 if grown else excess(stepper, k, h)
                 if grown:
@@ -412,8 +411,7 @@ class Run:
             If the method adds random numbers, or the error does not fit in memory.
         """
         check_repeatable(self.stepper.method)
-        quantities = *solution.outputs.values(), *solution.z.values()
-        check_error(sum(x.nbytes for x in (solution.t, solution.u, solution.v, *quantities)))
+        check_error(solution.t, solution.u, solution.v, *solution.outputs.values(), *solution.z.values())
         try:
             error = self.error_of(solution, cancel) if coarser is None else self.error_by(coarser, solution, cancel)
         except _InterruptedComparisonError:

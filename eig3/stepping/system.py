@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..functions.callbacks import Callback, check_callback
-from ..functions.companions import constraints_of, cutoffs_of, history_of
+from ..functions.companions import Cutoffs, constraints_of, history_of, mark
 from ..functions.events import Event
 from ..functions.layout import bound_layout
 from ..kernels.compile.jit import compiled
@@ -114,7 +114,7 @@ class System:
         self.inline = options.inline and history is None and constraints is None
         self._checked: list[tuple[tuple, Callback]] = []
         self.callback = self._check(rhs, "rhs", form)
-        self.cutoffs = cutoffs_of(rhs)
+        self.cutoffs: Cutoffs | None = mark(rhs, "cutoffs")
         self.shares: Shares | None = getattr(getattr(rhs, "py_func", rhs), "shares", None)
         if self.method.jacobian is not None:
             self._check(self.method.jacobian, "jacobian", form)
