@@ -256,6 +256,14 @@ def test_chaos_is_right_up_to_a_time():
     assert f"before t = {solution.reliable_until:.4g}" in text
 
 
+def test_the_end_of_the_digits_does_not_depend_on_the_later_motion():
+    """The pendulum turns over many times: 16.6 s were named for 300 s, and 11 s for 20 s."""
+    problem = problems.double_pendulum(theta1=3.0, theta2=2.8)
+    short, long = (problem.integrate(h=0.002, t_end=t, save_every=10, check=True) for t in (20.0, 300.0))
+    assert np.abs(long.u).max() > 2 * np.abs(short.u).max()
+    assert long.reliable_until == pytest.approx(short.reliable_until, rel=0.05)
+
+
 def test_the_front_of_a_wave_is_not_chaos():
     """The masses that the wave has just reached move by less than a hundredth of the others."""
     K = scipy.sparse.diags_array([2 * np.ones(200), -np.ones(199), -np.ones(199)], offsets=[0, 1, -1])

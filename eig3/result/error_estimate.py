@@ -33,9 +33,10 @@ _SURE = 0.2  # and with which the ratio of the errors holds for other parameters
 _IN_PROPORTION = 0.95  # least cosine of the angle between two differences; smooth motions show 0.98 and more
 _HARDLY = 1e-2  # a degree of freedom that moves less, relative to the largest motion, has hardly begun to move
 _NO_DIGIT = 0.5  # an error of this fraction of the motion: no digit is right
+_FIRST = 1 / 64  # part of the run whose largest motion is a measure from the start on: a motion may begin at 0
 _FEW_COLUMNS = 16
 _MANY_STEPS = 100  # fewer steps may not be more with a smaller tolerance
-_HARDLY = 0.3  # a smaller part of the further steps that the order lets expect is hardly a change
+_FEW_MORE = 0.3  # a smaller part of the further steps that the order lets expect is hardly a change
 _WINDOWS = 16  # parts of the run whose orders are compared
 _GROWING = 1e-10, 0.1  # range of the relative errors in which a rate of growth is measured,
 _FEWEST = 8  # from at least this number of states
@@ -214,7 +215,7 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
 
     u = errors(solution.u, fine.u)
     u[..., np.isinf(scale)] = np.nan
-    until, note = _reliable_until(solution.t, u, scale)
+    until, note = _reliable_until(solution, u, scale)
     notes += [note] if note else []
     own, other = fine.own, fine.solution
     at_states = own is not None
@@ -387,7 +388,7 @@ def _is_limited(solution: Any, fine: Companion) -> bool:
     if solution.n_steps < _MANY_STEPS or fine.ratio > 1:
         return False
     expected = fine.ratio ** (-1 / solution.method.order) - 1
-    return bool(fine.solution.n_steps / solution.n_steps - 1 < _HARDLY * expected)
+    return bool(fine.solution.n_steps / solution.n_steps - 1 < _FEW_MORE * expected)
 
 
 def _by_order(
@@ -530,15 +531,17 @@ def _everywhere(t: np.ndarray, rows: np.ndarray, errors: np.ndarray) -> np.ndarr
     return found
 
 
-def _reliable_until(t: np.ndarray, u: np.ndarray, scale: Any) -> tuple[float | None, str]:
+def _reliable_until(solution: Any, u: np.ndarray, scale: Any) -> tuple[float | None, str]:
     """Return the time after which no digit is right, and a sentence about the growth of the error.
 
-    A degree of freedom that has hardly begun to move, such as at the front of a wave, is compared with the others.
+    The error is compared with the motion up to each time: an angle may turn over many times later. A degree of freedom
+    that has hardly begun to move, such as at the front of a wave, is compared with the others.
     """
-    scale = np.maximum(scale, _HARDLY * np.max(scale, where=np.isfinite(scale), initial=0.0))
-    if not np.fmax.reduce(_largest_of_each(u) / scale, axis=None, initial=0.0) >= _NO_DIGIT:
+    largest = _largest_of_each(u) / _with_others(np.atleast_1d(scale))
+    if not np.fmax.reduce(largest, axis=None, initial=0.0) >= _NO_DIGIT:
         return None, ""
-    relative = np.fmax.reduce(np.abs(u / scale).reshape(len(t), -1), axis=1)
+    t = solution.t
+    relative = np.fmax.reduce(np.abs(u / _motion_until(solution.u, scale)).reshape(len(t), -1), axis=1)
     wrong = np.flatnonzero(relative >= _NO_DIGIT)
     if not len(wrong):
         return None, ""
@@ -554,6 +557,22 @@ def _reliable_until(t: np.ndarray, u: np.ndarray, scale: Any) -> tuple[float | N
     if by_rate < by_power:
         sentence += f" The error grows like exp({rate:.2g} t): the motion is sensitive to its start, or chaotic."
     return until, sentence
+
+
+def _with_others(scale: Any) -> Any:
+    """Return the scales of degrees of freedom, of which each is at least a part of the largest."""
+    finite = np.max(scale, axis=-1, where=np.isfinite(scale), initial=0.0, keepdims=True)
+    return np.maximum(scale, _HARDLY * finite)
+
+
+def _motion_until(u: np.ndarray, scale: Any) -> np.ndarray:
+    """Return the size of the motion up to each state, with the shape (m, n)."""
+    sizes = np.abs(u).reshape(len(u), -1)
+    np.maximum.accumulate(sizes, axis=0, out=sizes)
+    begin = min(math.ceil(len(u) * _FIRST), len(u) - 1)
+    sizes[:begin] = sizes[begin]
+    sizes[:, np.atleast_1d(np.isinf(scale))] = np.inf
+    return np.maximum(_with_others(sizes), np.finfo(float).tiny).reshape(u.shape)
 
 
 def _line(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
