@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from .blas_threads import one_blas_thread
+
 _FULL = 64  # degrees of freedom up to which K and C are full matrices
 _DIRECTIONS = 60  # dimension of a Krylov space
 _FEW_DIRECTIONS = 12  # dimension of a Krylov space for only the largest rates
@@ -123,6 +125,7 @@ class _Derivative:
         return size, product
 
 
+@one_blas_thread()
 def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
     """Linearise ``f(t, u, v)`` at a state. For more than 64 degrees of freedom, no n x n matrix is stored.
 
@@ -147,6 +150,7 @@ def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
     return Linearised(K, C, evaluations, is_small)
 
 
+@one_blas_thread()
 def fast_rates(f: Callable, t: float, u: Any, v: Any, h: float) -> np.ndarray:
     """Return some of the rates s of the solutions exp(s t) at a state as s h, including the largest, at a low cost.
 
