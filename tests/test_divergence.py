@@ -298,6 +298,8 @@ def test_a_linear_structure_that_grows_a_little_is_noted():
     assert 1 < np.hypot(*coarse.u[-1]) < 5
     (note,) = coarse.notes
     assert note.startswith(f"h = 0.25 is longer than the critical step {rotor.critical_step().limit:.4g} of EIG3")
+    from_rest = rotor.with_(u0=[0.0, 0.0], v0=[0.0, 0.0])
+    assert [x.notes[:1] for x in (from_rest.integrate(h=0.15), from_rest.integrate(h=0.25))] == [(), (note,)]
     (of_members,) = rotor.with_(t_span=(0, 5000)).ensemble(h=[0.15, 0.25], save_every=None).notes
     assert of_members == f"{note} This is member 1 of the 1 members that have grown."
 
