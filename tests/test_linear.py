@@ -319,6 +319,7 @@ BAD = {
     r"the degrees of force must be .* take names\.index\(name\)": {"force": (*GROUND, ["roof.ux"])},
     "force must have 2 values for each time, not values of the shape": {"force": (*GROUND, [1, 2])},
 }
+two_arguments, other_order = map(eig3.jit, (lambda t, out: None, lambda u, t, v, p, out: None))
 BAD_TYPES = {
     "M must be made of real numbers": {"M": 1j * M},
     "K must be made of real numbers": {"K": K * 1j},
@@ -326,6 +327,8 @@ BAD_TYPES = {
     r"damping must be eig3\.Rayleigh\(\.\.\.\) or eig3\.Modal\(\.\.\.\), not 0\.05": {"damping": 0.05},
     r"ground must be \(times, accelerations\) or": {"ground": GROUND[1]},
     "force must be a jitted function": {"force": lambda t: 1.0},
+    r"force takes 2 arguments, but must take 5: f\(t, u, v, p, out\), which adds to out": {"force": two_arguments},
+    "force takes u, t, v, p as its first arguments, but must have the form": {"force": other_order},
 }
 
 

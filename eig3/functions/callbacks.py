@@ -235,7 +235,7 @@ def _compile(function: Any, kind: str, form: Form, name: str) -> Any:
         raise TypeError(
             f"{name} must be a function decorated with @eig3.jit or @numba.njit, not {type(function).__name__}."
         )
-    _check_arguments(function.py_func, name, kind, form, wanted, len(signature.args))
+    _check_form(function.py_func, name, kind, form, wanted, len(signature.args))
     result = compile_present(function, signature.args, kind, name, wanted)
     returned = return_type(result)
     if returned != signature.return_type:
@@ -357,31 +357,33 @@ def _code_that_reads(function: Any, place: int) -> tuple[types.CodeType, int]:
     return function.__code__, place
 
 
-def _check_arguments(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:
-    if takes(function, count):
-        _check_order(function, name, wanted)
-        return
+def _check_form(function: Callable, name: str, kind: str, form: Form, wanted: str, count: int) -> None:
     other = SCALAR if form is VECTOR else VECTOR
-    if kind == "rhs" and takes(function, len(other.rhs.args)):
+    is_other = kind == "rhs" and not takes(function, count)
+    if is_other and takes(function, len(other.rhs.args)):
         u0, remedy = ("a number", "an array") if form is SCALAR else ("an array", "a number")
         raise TypeError(
             f"rhs has the {other.name} form {_ARGUMENTS[kind, other]}, but u0 is {u0}; give u0 as {remedy}, "
             f"or write rhs as {wanted}."
         )
-    if kind == "rhs" and takes(function, WITH_Z):
+    if is_other and takes(function, WITH_Z):
         raise TypeError(
             "rhs has first-order unknowns z: give their first values as z0, to eig3.integrate, prepare, ensemble or "
             "Problem."
         )
-    given = len(inspect.signature(function).parameters)
-    raise TypeError(f"{name} takes {given} arguments, but must take {count}: {wanted}.")
+    check_arguments(function, name, wanted, count)
 
 
-def _check_order(function: Callable, name: str, wanted: str) -> None:
-    """Refuse t, u, v or p in another order. No other check detects this, because u, v and p may have the same type."""
-    names = list(inspect.signature(function).parameters)[:4]
-    if any(letter in names and names.index(letter) != place for place, letter in enumerate("tuvp")):
-        raise TypeError(f"{name} takes {', '.join(names)} as its first arguments, but must have the form {wanted}.")
+def check_arguments(function: Callable, name: str, wanted: str, count: int) -> None:
+    """Refuse another number of arguments, and t, u, v or p in another order.
+
+    No other check detects the order, because u, v and p may have the same type.
+    """
+    names = list(inspect.signature(function).parameters)
+    if not takes(function, count):
+        raise TypeError(f"{name} takes {len(names)} arguments, but must take {count}: {wanted}.")
+    if any(letter in names[:4] and names.index(letter) != place for place, letter in enumerate("tuvp")):
+        raise TypeError(f"{name} takes {', '.join(names[:4])} as its first arguments, but must have the form {wanted}.")
 
 
 def takes(function: Callable, count: int) -> bool:

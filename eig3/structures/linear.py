@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..functions.callbacks import check_arguments
 from ..functions.checks import check_count, check_span, reals, shown
 from ..functions.named import Parameters
 from ..kernels.compile.numba_internals import Jitted
@@ -23,6 +24,7 @@ from .source import INTEGRALS, LOADED, Parts, energy, of_events, right_hand_side
 from .structure import Structure
 
 _LINKS = "the structure has links: leave them out"
+_FORCE = "f(t, u, v, p, out), which adds to out"
 _CIRCULATORY = "; add its antisymmetric part by force=f, a jitted function f(t, u, v, p, out)"
 _FUNCTION = "the force is a function: give it as a table if it depends on the time only"
 
@@ -124,7 +126,10 @@ def linear(
         has.add("ground")
     if force is not None:
         is_function = isinstance(force, Jitted)
-        values |= {} if is_function else check_table(force, n)
+        if is_function:
+            check_arguments(force.py_func, "force", _FORCE, 5)
+        else:
+            values |= check_table(force, n)
         has.add("force" if is_function else "table")
     has |= {"links"} if kinds else set()
     if sources(values):
