@@ -21,6 +21,7 @@ from .functions.checks import check_h, check_time
 from .methods import Method
 from .planning.suggested_step import first_step
 from .problem import Problem
+from .result.frames import columns_of
 from .result.labels import with_unit
 from .result.solution import Solution
 from .view.page import check_page
@@ -264,18 +265,15 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
     """Write the files; return a text to append to the list of written files."""
     t, u, v = solution.t, solution.u, solution.v
     name = file_name(problem.name)
-    columns = [f"{x}{j}" for x in "uv" for j in range(np.size(problem.u0))]
-    taken = {"file", "t", "u", "v", *columns}  # an unknown may have any name, and NumPy takes the path as `file`
+    taken = {"file", "t", "u", "v"}  # an unknown may have any name, and NumPy takes the path as `file`
     of_z: dict[str, Any] = {f"z.{name}" if name in taken else name: x for name, x in solution.z.items()}
     with files.writing(f"{name}.npz") as path:
         np.savez_compressed(path, t=t, u=u, v=v, **of_z)
-    table = np.column_stack([t, u, v, *(np.reshape(x, (len(t), -1)) for x in of_z.values())])
-    if table.size <= _CSV_VALUES:
-        for key, x in of_z.items():
-            columns += [key] if x.ndim == 1 else [f"{key}[{j}]" for j in range(x.shape[1])]
+    names, columns, _ = zip(("t", t, ""), *columns_of(solution), strict=True)
+    if len(t) * len(columns) <= _CSV_VALUES:
         with files.writing(f"{name}.csv") as path, path.open("w", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerow(["t", *columns])
-            np.savetxt(file, table, delimiter=",")
+            csv.writer(file, lineterminator="\n").writerow(names)
+            np.savetxt(file, np.column_stack(columns), delimiter=",")
     else:
         files.leave_out(f"{name}.csv")
     return files.draw(f"{name}.png", lambda figure: draw(figure, problem, solution, balance))

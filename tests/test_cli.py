@@ -332,6 +332,8 @@ def test_run_takes_any_problem_method_and_step(tmp_path, capsys):
     header, first = (tmp_path / "kepler.csv").read_text().splitlines()[:2]
     assert header == "t,u0,u1,v0,v1"
     assert first.count(",") == 4
+    assert main(["run", "quarter_car", "--t-end", "0.1", "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "quarter_car.csv").read_text().startswith("t,x0,x1,v_x0,v_x1,work\n")  # as in tables of pandas
 
 
 def test_run_prints_and_writes_all_that_it_can(tmp_path, capsys):
@@ -451,7 +453,7 @@ def test_a_problem_with_negative_times_and_an_unknown_named_u(tmp_path, monkeypa
     with np.load("hard.npz") as history:
         assert history["t"][-1] == -4
         assert (history["u"][0], history["z.u"][0]) == (1, 7)
-    assert Path("hard.csv").read_text().startswith('t,u0,v0,z.u,"a, b"\n-5.0')
+    assert Path("hard.csv").read_text().startswith('t,u0,v0,u,"a, b"\n-5.0')
     sweep = ["sweep", "hard.py:problem", "--t-end", "-4", "--set", "u0[0]=1:2:2", "--out", ".", "--measure"]
     assert main([*sweep, "max:F, N"]) == 0
     assert Path("sweep.csv").read_text() == 'u0[0],"max:F, N",status\n1.0,1.0,completed\n2.0,4.0,completed\n'

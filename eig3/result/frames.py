@@ -22,14 +22,14 @@ Column = tuple[str, np.ndarray, str]  # its name, its values and its unit
 def to_pandas(solution: Any) -> Any:
     """Return a `Solution` as a DataFrame, as `Solution.to_pandas` describes."""
     pandas = _module("pandas")
-    frame = _frame(_columns(solution), pandas.Index(solution.t, name="t"))
+    frame = _frame(columns_of(solution), pandas.Index(solution.t, name="t"))
     frame.attrs.update(_attributes(solution))
     return frame
 
 
 def occurrences_to_pandas(found: Any, **keys: np.ndarray) -> Any:
     """Return the occurrences of an event as a DataFrame, after the columns `keys`."""
-    return _frame([*((name, x, "") for name, x in keys.items()), *_columns(found), *_columns(found, "_after")])
+    return _frame([*((name, x, "") for name, x in keys.items()), *columns_of(found), *columns_of(found, "_after")])
 
 
 def to_xarray(solution: Any) -> Any:
@@ -40,7 +40,7 @@ def to_xarray(solution: Any) -> Any:
 def ensemble_to_pandas(solution: Any) -> Any:
     """Return an `EnsembleSolution` as a DataFrame, as `EnsembleSolution.to_pandas` describes."""
     table = solution._table()
-    frame = _frame([("member", table.member, ""), ("t", table.t, ""), *_columns(table)])
+    frame = _frame([("member", table.member, ""), ("t", table.t, ""), *columns_of(table)])
     frame.attrs.update(method=repr(solution.method))
     return frame
 
@@ -71,7 +71,7 @@ def _of_members(solution: Any) -> Iterator[tuple[str, np.ndarray]]:
     members = solution.first + np.arange(len(solution))
     first, end = (np.searchsorted(table.member, members, side=side) for side in ("left", "right"))
     has_states = first < end  # t_eval may begin after the end of a member
-    for name, column, _ in (("t", table.t, ""), *_columns(table)):
+    for name, column, _ in (("t", table.t, ""), *columns_of(table)):
         last = np.full(len(members), np.nan)
         last[has_states] = column[end[has_states] - 1]
         yield name, last
@@ -142,7 +142,7 @@ def _frame(columns: Iterable[Column], index: Any = None) -> Any:
     return frame
 
 
-def _columns(states: Any, after: str = "") -> Iterator[Column]:
+def columns_of(states: Any, after: str = "") -> Iterator[Column]:
     """Yield each column of the states of a solution, or of occurrences before or "_after" the event."""
     labels = states.labels or _PLAIN
     for letter in "uv":
