@@ -408,9 +408,15 @@ def writes(t, u, v, p, a):
     a[0] = 0.0
 
 
+@eig3.jit
+def with_keys(t, u, v, p, a):
+    a[0] = -p["k"] * u[0]
+
+
 @pytest.mark.parametrize(
     ("rhs", "params", "error", "message"),
     [
+        (with_keys, {"k": 4.0}, TypeError, r"parameters with names are p\.k, not p\['k'\]"),
         (misspelt, {"k": 4.0}, TypeError, "misspelt reads p.kk, but params has no kk: did you mean k?"),
         (spring, {"k": 4.0, "_c": 1.0}, TypeError, "the names in params must be names of Python without _ in front"),
         (spring, {"k": 4.0, "1c": 1.0}, TypeError, "the names in params must be names of Python"),
@@ -423,7 +429,7 @@ def writes(t, u, v, p, a):
     ],
 )
 def test_bad_parameters(rhs, params, error, message):
-    u0 = 1.0 if rhs is not writes else [1.0]
+    u0 = [1.0] if rhs in (with_keys, writes) else 1.0
     with pytest.raises(error, match=message):
         eig3.integrate(rhs, (0, 1), u0, 0 * np.asarray(u0), params=params, **H)
 

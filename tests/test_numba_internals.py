@@ -881,10 +881,17 @@ def test_writes_to_a_readonly_array():
     def writes(x):
         x[0] = 1.0
 
+    def adds(x):
+        x += 1.0
+
+    def multiplies(x):
+        np.multiply(x, 2.0, x)
+
     with probe("Numba's error for a write to a readonly array has other words"):
         x = np.ones(1)
         x.flags.writeable = False
-        assert internals.is_write_to_readonly(error_of(numba.njit(writes), x))
+        for function in (writes, adds, multiplies):
+            assert internals.is_write_to_readonly(error_of(numba.njit(function), x))
         assert not internals.is_write_to_readonly(error_of(numba.njit(lambda x: x.missing), x))
 
 

@@ -1069,7 +1069,9 @@ pickled, unpickled = cloudpickle.dumps, cloudpickle.loads
 
 def is_write_to_readonly(error: Exception) -> bool:
     """Return whether a function did not compile because it writes to an array that it may only read."""
-    return "Cannot modify readonly array" in str(error)
+    # Numba finds no form of `u += 1` for such an array, and then fails itself.
+    texts = "Cannot modify readonly array", "output that is read-only", "'NoneType' object has no attribute 'args'"
+    return any(text in str(error) for text in texts)
 
 
 def gist(error: Exception) -> str:
@@ -1079,8 +1081,10 @@ def gist(error: Exception) -> str:
         return "its decorator must not list signatures"
     plain = re.search(r"Untyped global name '(\w+)':.*<class 'function'>", text)
     missing = re.search(r">>> (.*)", text)
+    keyed = re.search(r"getitem\(Parameters\(.*Literal\[str\]\((\w+)\)", text)
     lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("Failed in")]
     where = re.search(r'File "[^"]*", line \d+', text)
     reason = f"Numba cannot do {missing[1]}" if missing else (lines or [type(error).__name__])[0].rstrip(".")
     reason = f"it calls {plain[1]}, which must be decorated with @eig3.jit too" if plain else reason
+    reason = f"parameters with names are p.{keyed[1]}, not p[{keyed[1]!r}]" if keyed else reason
     return f"{reason} ({where[0]})" if where else reason
