@@ -13,7 +13,7 @@ from distributed import Client, LocalCluster
 
 import eig3
 from eig3.effects import ElasticPlastic
-from eig3.ensembles import parts
+from eig3.ensembles import in_parts
 from eig3.math import cos
 
 from .conftest import SAME, assert_same, oscillator, position, velocity
@@ -40,13 +40,13 @@ def run(case="fixed steps in lanes", **options):
 @pytest.fixture
 def started(monkeypatch):
     """The first members of the parts that run in this process."""
-    firsts, call = [], parts.Recipe.__call__
+    firsts, call = [], in_parts._march
 
-    def noted(recipe, part, *arguments):
+    def noted(rhs, options, part, *arguments):
         firsts.append(part.first)
-        return call(recipe, part, *arguments)
+        return call(rhs, options, part, *arguments)
 
-    monkeypatch.setattr(parts.Recipe, "__call__", noted)
+    monkeypatch.setattr(in_parts, "_march", noted)
     return firsts
 
 
@@ -80,7 +80,7 @@ from pathlib import Path
 import numpy as np
 import eig3
 from eig3.effects import ElasticPlastic
-from eig3.ensembles import parts
+from eig3.ensembles import in_parts
 from tests.conftest import SAME, assert_same, oscillator
 from tests.test_ensemble_resume import FUNCTIONS, finished, run
 
@@ -96,7 +96,7 @@ def die_at(moment):
 
 
 def killed(place, moment):
-    savez, fsync, replace, compute = np.savez, os.fsync, Path.replace, parts.Recipe.__call__
+    savez, fsync, replace, compute = np.savez, os.fsync, Path.replace, in_parts._march
 
     def torn(stream, **arrays):
         global calls
@@ -113,14 +113,14 @@ def killed(place, moment):
             return function(*arguments)
         return call
 
-    np.savez, os.fsync, Path.replace, parts.Recipe.__call__ = torn, *map(before, (fsync, replace, compute))
+    np.savez, os.fsync, Path.replace, in_parts._march = torn, *map(before, (fsync, replace, compute))
     run(case, save_to=place, threads=1)
     os._exit(0)
 
 
 whole, found = run(case, threads=1), []
-firsts, compute = [], parts.Recipe.__call__
-parts.Recipe.__call__ = lambda recipe, part, *rest: (firsts.append(part.first), compute(recipe, part, *rest))[1]
+firsts, compute = [], in_parts._march
+in_parts._march = lambda f, options, part, *rest: (firsts.append(part.first), compute(f, options, part, *rest))[1]
 moment, is_alive = 0, False
 while not is_alive:
     moment += 1

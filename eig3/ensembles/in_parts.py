@@ -20,7 +20,7 @@ from ..stepping.threads import cores
 from .files import WHOLE, Directory, recipe_in, whole_in, with_error
 from .in_process import Run, at_start
 from .members import Members
-from .parts import Joined, Listed, Recipe, Results, parts_of
+from .parts import Joined, Listed, Results, parts_of
 from .recipe import differing, marks, restored
 from .shipping import check_executor, march_parts
 from .single_members import Singles
@@ -44,14 +44,14 @@ def run_in_parts(
     The parts in the directory do not run again.
     """
     parts = left = parts_of(members, options)
-    results: Results = Listed(len(parts))
+    results: Results = Listed(parts)
     if reduce is None:
         start = at_start(rhs, members, options)
         start._resume = partial(_resumed, rhs, members, options, place) if place else None
         results = joined = Joined(start, place)
         left = joined.left(parts)
-    recipe = Recipe(partial(_march, rhs, options), reduce)
-    found = march_parts(left, recipe, results, executor, threads, progress, cancel)
+    march = partial(_march, rhs, options)
+    found = march_parts(left, march, reduce, results, executor, threads, progress, cancel)
     if reduce is None:
         add_step_notes(found, Singles(rhs, members, options), members, options)
     return found
@@ -75,8 +75,7 @@ def _resumed(
     """Run the unfinished parts, as `EnsembleSolution.resume` describes."""
     check_progress(progress)
     check_executor(executor)
-    if cancel is not None:
-        check_cancel(cancel)
+    check_cancel(cancel)
     own = cores() if threads is None else check_count(threads, "threads")
     of_parts = own, threads or 1
     solution = run_in_parts(rhs, members, options, None, place, executor, of_parts, progress, cancel)

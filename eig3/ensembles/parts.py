@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
-from ..stepping.march import Cancel
 from ..stepping.run_options import RunOptions
 from .files import Directory
 from .lanewise import FEWEST_MEMBERS
 from .members import Members
-from .solution import EnsembleSolution, Reduce
+from .solution import EnsembleSolution
 
 _UNIT = 128  # members; a part has a multiple of this number, which fills the lanes of its blocks
 _PARTS = 128  # as long as the parts stay below the following limits
@@ -23,30 +20,7 @@ _MOST_GIVEN = 2**22  # bytes of the initial values and the parameters of a part,
 _NOT_BACK = "The run was interrupted before this member was returned."
 
 
-@dataclass(frozen=True)
-class Part:
-    """Some members of an ensemble.
-
-    Attributes
-    ----------
-    number : int
-        The number of the part.
-    members : Members
-    """
-
-    number: int
-    members: Members
-
-    @property
-    def first(self) -> int:
-        """The number of its first member."""
-        return self.members.first
-
-    def __len__(self) -> int:
-        return len(self.members)
-
-
-def parts_of(members: Members, options: RunOptions) -> list[Part]:
+def parts_of(members: Members, options: RunOptions) -> list[Members]:
     """Divide an ensemble. The parts depend only on the ensemble, so `reduce` gets the same parts everywhere.
 
     Members run in lanes in a part if they run in lanes in the whole ensemble: no part has only a few members.
@@ -56,68 +30,33 @@ def parts_of(members: Members, options: RunOptions) -> list[Part]:
     most = min(_MOST_MEMBERS, _MOST_SAVED // (8 * (2 * members.n + n_outputs) * rows), _MOST_GIVEN // (8 * given))
     count = _UNIT * max(1, min(-(-len(members) // (_PARTS * _UNIT)), most // _UNIT))
     firsts = [0, *range(count, len(members) - FEWEST_MEMBERS + 1, count), len(members)]
-    return [Part(number, members.part(slice(*ends))) for number, ends in enumerate(itertools.pairwise(firsts))]
-
-
-class CancelledPartError(Exception):
-    """A cancellation ended a part; `solution` has its members so far."""
-
-    def __init__(self, solution: EnsembleSolution) -> None:
-        super().__init__("a part was cancelled")
-        self.solution = solution
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """The task for a part.
-
-    Attributes
-    ----------
-    march : callable
-        ``march(members, threads, cancel)`` integrates the members.
-    reduce : callable or None
-        ``reduce(solution)`` returns the values that the user needs from a part; None for the whole solution.
-    """
-
-    march: Callable[[Members, int, Cancel | None], EnsembleSolution]
-    reduce: Reduce | None
-
-    def __call__(self, part: Part, threads: int, cancel: Cancel | None = None) -> Any:
-        solution = self.march(part.members, threads, cancel)
-        if cancel is not None and cancel.is_set():
-            raise CancelledPartError(solution)
-        return solution if self.reduce is None else self.reduce(solution)
+    return [members.part(slice(*ends)) for ends in itertools.pairwise(firsts)]
 
 
 class Listed:
     """The return values of `reduce` for each part; None for an unfinished part."""
 
-    def __init__(self, count: int) -> None:
-        self.values: list[Any] = [None] * count
+    def __init__(self, parts: list[Members]) -> None:
+        self._values: dict[int, Any] = dict.fromkeys(part.first for part in parts)
 
-    def put(self, part: Part, value: Any) -> None:
+    def put(self, part: Members, value: Any) -> None:
         """Store the result of a part."""
-        self.values[part.number] = value
+        self._values[part.first] = value
 
-    def rescue(self, error: BaseException) -> None:
+    def rescue(self, solution: Any) -> None:
         """Do nothing: `reduce` gets finished parts only."""
 
     def whole(self, note: str) -> list[Any]:
         """Return the results of all parts, with a sentence for the user about how they ran."""
         if note:
             warnings.warn(note, RuntimeWarning, stacklevel=5)
-        return self.values
+        return [*self._values.values()]
 
 
 class Joined:
     """The results of all members, as if they had run together.
 
-    Parameters
-    ----------
-    blank : EnsembleSolution
-        The ensemble, with its members at their start.
-    place : Directory or None
-        The directory to which each part is written.
+    `blank` is the ensemble with its members at their start. Each part is written to the directory `place`, if any.
     """
 
     def __init__(self, blank: EnsembleSolution, place: Directory | None = None) -> None:
@@ -127,11 +66,11 @@ class Joined:
         if place:
             place.begin(blank)
 
-    def left(self, parts: list[Part]) -> list[Part]:
+    def left(self, parts: list[Members]) -> list[Members]:
         """Take the parts that an earlier run has written to the directory, and return the others."""
         return [part for part in parts if not self._take(part)]
 
-    def _take(self, part: Part) -> bool:
+    def _take(self, part: Members) -> bool:
         solution = self.place.finished(part.first, len(part)) if self.place else None
         if solution is None:
             return False
@@ -139,19 +78,15 @@ class Joined:
         self.solution._place(solution)
         return True
 
-    def put(self, part: Part, value: EnsembleSolution) -> None:
-        self._put(value)
+    def put(self, part: Members, value: EnsembleSolution) -> None:
+        self.rescue(value)
 
-    def rescue(self, error: BaseException) -> None:
-        """Store the members of a part that an exception ended."""
-        solution = getattr(error, "solution", None)
+    def rescue(self, solution: Any) -> None:
+        """Store the members of a part, also of a part that a cancellation or an exception ended."""
         if isinstance(solution, EnsembleSolution):
-            self._put(solution)
-
-    def _put(self, solution: EnsembleSolution) -> None:
-        if self.place:
-            self.place.put(solution)
-        self.solution._place(solution)
+            if self.place:
+                self.place.put(solution)
+            self.solution._place(solution)
 
     def whole(self, note: str) -> EnsembleSolution:
         taken = f"An earlier run had finished {self._n_taken} of {len(self.solution)} members." if self._n_taken else ""

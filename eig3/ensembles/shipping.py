@@ -14,11 +14,16 @@ from ..kernels.compile.numba_internals import gist, pickled, unpickled
 from ..methods import shown
 from ..run.progress import Progress
 from ..stepping.march import Cancel
-from .parts import CancelledPartError, Part, Recipe, Results
+from .members import Members
+from .parts import Results
+from .solution import EnsembleSolution, Reduce
 
 _IN_FLIGHT = 128  # parts submitted to the executor at a time, to limit its memory
 _TRIES = 3  # attempts for a part whose worker dies
 _POLL_SECONDS = 0.05  # between two checks for Ctrl-C
+
+#: ``march(members, threads, cancel)`` integrates the members of a part.
+March = Callable[[Members, int, Cancel | None], EnsembleSolution]
 
 
 def check_executor(executor: Any) -> None:
@@ -40,8 +45,9 @@ def check_reduce(reduce: Any) -> None:
 
 
 def march_parts(
-    parts: list[Part],
-    recipe: Recipe,
+    parts: list[Members],
+    march: March,
+    reduce: Reduce | None,
     results: Results,
     executor: Executor | None,
     threads: tuple[int, int],
@@ -50,46 +56,37 @@ def march_parts(
 ) -> Any:
     """Run all parts, or the parts until `cancel` is set, and return all results.
 
-    Parameters
-    ----------
-    parts : list of Part
-    recipe : Recipe
-    results : Results
-    executor : Executor or None
-        None for this process.
-    threads : (int, int)
-        The numbers of threads of a part: in this process, and on a worker.
-    progress : bool
-        Show a progress bar.
-    cancel : Cancel or None
+    They run in this process without an executor; `threads` are the numbers of threads of a part here, and on a worker.
     """
     note = ""
     try:
         with Progress(sum(map(len, parts)), "member", shown=progress) as bar:
 
-            def end(part: Part, value: Any) -> None:
+            def end(part: Members, value: Any) -> None:
                 with DeferredInterrupt():
                     results.put(part, value)
                 bar.add(len(part))
 
             left = parts
             if executor is not None:
-                shipment = Shipment(executor, parts, recipe, threads[1])
+                shipment = Shipment(executor, parts, march, reduce, threads[1])
                 left = shipment.run(end, cancel)
                 if shipment.is_broken and left:
                     note = f"The executor broke, and {len(left)} of {len(parts)} parts ran in this process."
             for part in left:
                 if cancel is not None and cancel.is_set():
                     break
-                try:
-                    end(part, recipe(part, threads[0], cancel))
-                except CancelledPartError as error:
-                    results.rescue(error)
+                solution = march(part, threads[0], cancel)
+                if cancel is not None and cancel.is_set():
+                    results.rescue(solution)
+                else:
+                    end(part, solution if reduce is None else reduce(solution))
+                del solution  # the next part needs the memory
         with DeferredInterrupt():
             whole = results.whole(note)
     except BaseException as error:  # raised by rhs or reduce, or after Ctrl-C
         with DeferredInterrupt() as again:
-            results.rescue(error)
+            results.rescue(getattr(error, "solution", None))
             error.solution = results.whole(note)  # type: ignore[attr-defined]
             if isinstance(error, KeyboardInterrupt):
                 again.forget()  # it is raised now
@@ -98,15 +95,7 @@ def march_parts(
 
 
 class Shipment:
-    """The parts submitted to the workers of an executor.
-
-    Parameters
-    ----------
-    executor : Executor
-    parts : list of Part
-    recipe : Recipe
-    threads : int
-        Number of threads of a part.
+    """The parts submitted to the workers of an executor, each with a number of threads.
 
     Raises
     ------
@@ -114,15 +103,17 @@ class Shipment:
         If a function of the user cannot be pickled.
     """
 
-    def __init__(self, executor: Executor, parts: list[Part], recipe: Recipe, threads: int) -> None:
+    def __init__(
+        self, executor: Executor, parts: list[Members], march: March, reduce: Reduce | None, threads: int
+    ) -> None:
         self.executor, self.threads = executor, threads
-        self.waiting, self.running = deque(parts), dict[Future, Part]()
+        self.waiting, self.running = deque(parts), dict[Future, Members]()
         self.losses: Counter[int] = Counter()
         self.is_broken = False
-        march = _packed(recipe.march, "rhs, the events, the invariants and the outputs")
-        self.recipe = march, _packed(recipe.reduce, "reduce")
+        packed = _packed(march, "rhs, the events, the invariants and the outputs")
+        self.recipe = packed, _packed(reduce, "reduce")
 
-    def run(self, end: Callable[[Part, Any], None], cancel: Cancel | None = None) -> list[Part]:
+    def run(self, end: Callable[[Members, Any], None], cancel: Cancel | None = None) -> list[Members]:
         """Run the parts; call ``end(part, value)`` for each. Return the unfinished parts if the executor broke."""
         try:
             with DeferredInterrupt() as interrupt:
@@ -148,7 +139,7 @@ class Shipment:
             else:
                 self.running[future] = self.waiting.popleft()
 
-    def _receive(self, part: Part, future: Future, end: Callable[[Part, Any], None]) -> None:
+    def _receive(self, part: Members, future: Future, end: Callable[[Members, Any], None]) -> None:
         loss = CancelledError() if future.cancelled() else future.exception()
         if loss is None:
             value, error, trace = unpickled(future.result())
@@ -157,37 +148,26 @@ class Shipment:
             end(part, value)
             return
         self.waiting.appendleft(part)
-        self.losses[part.number] += 1
+        self.losses[part.first] += 1
         if isinstance(loss, BrokenExecutor):
             self.is_broken = True
-        elif self.losses[part.number] == _TRIES:
+        elif self.losses[part.first] == _TRIES:
             raise RuntimeError(
                 f"the executor lost members {part.first} to {part.first + len(part) - 1} {_TRIES} times; a worker may "
                 f"have too little memory, or no eig3. The last time it raised {type(loss).__name__}: {loss}"
             ) from loss
 
 
-def run_part(march: bytes, reduce: bytes, part: Part, threads: int, unique: str) -> bytes:
-    """Run a part on a worker.
+def run_part(march: bytes, reduce: bytes, part: Members, threads: int, unique: str) -> bytes:
+    """Run a part on a worker by pickled functions, and return ``(value, error, trace)``, pickled.
 
-    Parameters
-    ----------
-    march, reduce : bytes
-        The fields of a `Recipe`, pickled.
-    part : Part
-    threads : int
-    unique : str
-        A different text in each call: dask merges calls with equal arguments.
-
-    Returns
-    -------
-    bytes
-        ``(value, error, trace)``, pickled. An exception of the user's function is returned, not raised: if the future
-        has an exception, the worker is lost.
+    An exception of the user's function is returned, not raised: if the future has an exception, the worker is lost. The
+    text `unique` differs in each call: dask merges calls with equal arguments.
     """
     try:
-        recipe = Recipe(unpickled(march), unpickled(reduce))
-        return _packed((recipe(part, threads), None, ""), "What reduce returns")
+        runs, reduces = unpickled(march), unpickled(reduce)
+        value = runs(part, threads, None)
+        return _packed((value if reduces is None else reduces(value), None, ""), "What reduce returns")
     except Exception as error:
         return _packed_error(error, traceback.format_exc())
 
