@@ -104,7 +104,6 @@ class March:
     index, seconds, ended = 0, 0.0, GOING
     raised_before: int | None = None
     changed_at: float | None = None
-    _carried: int  # the number of rows of the state without scratch
     _slices: Slices | None = None
     _before: Any = None  # the state before the last call that took steps
     _has_changed = False  # whether `params` have changed since the last call that took steps
@@ -167,6 +166,13 @@ class March:
 
     def _compiled(self, method: Method) -> Kernel:
         """Return the kernel of a method for this number of degrees of freedom."""
+        kernels, key = self.system.kernels, self.n if method is self.system.method else (self.n, method)
+        if key not in kernels:
+            kernels[key] = self._new_kernel(method)
+        return kernels[key]
+
+    def _new_kernel(self, method: Method) -> Kernel:
+        """Compile or load this kernel."""
         raise NotImplementedError
 
     def steps(self, count: int, every: int, row: int, rows: Rows) -> Any:
@@ -175,7 +181,8 @@ class March:
 
     def _use(self, kernel: Kernel) -> None:
         """Use a kernel for the next steps, with a state of the size that it needs."""
-        raise NotImplementedError
+        self.kernel, self.running = kernel, kernel.running
+        self.state = aligned((kernel.rows, self.n))
 
     @property
     def method(self) -> Method:
@@ -230,27 +237,10 @@ class March:
         return self.state[row].copy() if self.form is not SCALAR else float(self.state[row].item())
 
     def take(self, count: int, every: int, row: int, rows: Rows, cancels: tuple[Cancel, ...]) -> int:
-        """Take at most `count` steps, in slices.
+        """Take at most `count` steps, in slices, and return the row after the last written row.
 
-        Parameters
-        ----------
-        count : int
-        every : int
-            Write the state after each step whose index is a multiple of this.
-        row : int
-            The first of the rows to write.
-        rows : Rows
-        cancels : tuple of Cancel
-            Set one of these to end the call soon.
-
-        Returns
-        -------
-        int
-            The row after the last written row. `ended` gives the reason why the call ended: GOING after all steps, or
-            if it was cancelled.
-
-        Notes
-        -----
+        The state after each step whose index is a multiple of `every` is written, from `row` on. If one of `cancels` is
+        set, the call ends soon. `ended` gives the reason why it ended: GOING after all steps, or if it was cancelled.
         After an exception in a function, the march is at the state before the call.
         """
         self._before, self._has_changed = self.kept(), False
@@ -369,7 +359,7 @@ class March:
             "index": self.index,
             "changed_at": self.changed_at,
             "seconds": self.seconds,
-            "state": self.state[: self._carried].copy(),
+            "state": self.state[: self.kernel.carried].copy(),
             "counters": self.counters.copy(),
             "numbers": look.numbers.copy() if look else None,
             "n_found": look.n_found if look else 0,
@@ -382,7 +372,7 @@ class March:
         if (changed_at is None) != (self.changed_at is None):
             self._use(self._compiled(self.method if changed_at is None else self._fallback()))
         self.index, self.changed_at, self.ended = kept["index"], changed_at, GOING
-        self.state[: self._carried], self.counters[...] = kept["state"], kept["counters"]
+        self.state[: self.kernel.carried], self.counters[...] = kept["state"], kept["counters"]
         if self.look:
             self.look.numbers[...] = kept["numbers"]
             self.look.forget_from(kept["n_found"])
@@ -399,7 +389,7 @@ class March:
         """
         changed_at = None if kept["changed_at"] is None else float(kept["changed_at"])
         state, counters = (reals(kept[name], name) for name in ("state", "counters"))
-        if state.shape != (self._carried, self.n) or counters.shape != self.counters.shape:
+        if state.shape != (self.kernel.carried, self.n) or counters.shape != self.counters.shape:
             raise ValueError(f"a state of the shape {state.shape} does not belong to {self.method!r}.")
         counts = counters[[EVALUATIONS, TIME, NEXT]]
         if not (np.isfinite(counts).all() and counters[EVALUATIONS] >= 0 and counters[NEXT] >= 0):

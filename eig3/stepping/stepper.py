@@ -29,7 +29,7 @@ from ..kernels.loops import fixed
 from ..kernels.protocol import ANEW, DEGREE, EVALUATIONS, FAILED, ITERATIONS, RESIDUAL, SCALAR, TIME, Steps
 from ..keywords import with_suggestions
 from ..methods import Method
-from ..result.memory import aligned, check_workspace
+from ..result.memory import check_workspace
 from .march import Cancel, March, Rows
 from .run_options import NEVER, RunOptions
 from .slices import Slices
@@ -148,16 +148,8 @@ class Stepper(March):
     def _work_rows(self) -> int:
         return fixed.work_rows(self.system.method.formulas, self.system.method.order)
 
-    def _compiled(self, method: Method) -> Kernel:
-        system, n = self.system, self.n
-        key = n if method is system.method else (n, method)
-        if key not in system.kernels:
-            system.kernels[key] = _kernel(system, method, n)
-        return system.kernels[key]
-
-    def _use(self, kernel: Kernel) -> None:
-        self.kernel, self.running, self._carried = kernel, kernel.running, 2 + kernel.formulas.past
-        self.state = aligned((kernel.rows, self.n))
+    def _new_kernel(self, method: Method) -> Kernel:
+        return _kernel(self.system, method, self.n)
 
     def _new_slices(self) -> Slices:
         return Slices(self.pace, self.kernel.formulas.turn if self.n >= _LARGE else 1)
@@ -283,7 +275,7 @@ class Stepper(March):
         fallback = self.method.fallback(self.n) if ended == FAILED else None
         if fallback is None or self.changed_at is not None or not math.isfinite(self.residual):
             return False
-        state, carried = self.state, self._carried
+        state, carried = self.state, self.kernel.carried
         self._use(self._compiled(fallback))
         self.state[:carried] = state[:carried]
         self.changed_at = self.t
@@ -321,5 +313,5 @@ def _kernel(system: System, method: Method, n: int) -> Kernel:
         address = None  # the Jacobian is inlined too
     else:
         call = fixed.kernel(formulas, order, form, n, looks=looks, second=second)
-    callbacks = system.callback.address, address
-    return Kernel(running, formulas, formulas.state_rows(n), call, callbacks, settings, (formulas, n, system.inline))
+    callbacks, rows = (system.callback.address, address), (formulas.state_rows(n), 2 + formulas.past)
+    return Kernel(running, formulas, *rows, call, callbacks, settings, (formulas, n, system.inline))

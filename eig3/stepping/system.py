@@ -30,8 +30,8 @@ class Kernel(NamedTuple):
     running : Method
         The method of the steps, with every option "auto" decided.
     formulas : Formulas or Pair
-    rows : int
-        Number of rows of the state.
+    rows, carried : int
+        Number of rows of the state, and of its first rows without scratch.
     call : callable
         The compiled kernel.
     callbacks : tuple
@@ -43,6 +43,7 @@ class Kernel(NamedTuple):
     running: Method
     formulas: Any
     rows: int
+    carried: int
     call: Callable
     callbacks: tuple
     settings: Any

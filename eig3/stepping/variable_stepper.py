@@ -30,7 +30,6 @@ from ..kernels.protocol import (
 )
 from ..methods import Method
 from ..result.extension import states_between
-from ..result.memory import aligned
 from .march import March, Rows
 from .system import Kernel, System
 from .tolerances import NO_POINTS, Tolerances, longest_way
@@ -39,30 +38,11 @@ _STANDING = 1e-12  # a smaller motion, relative to the largest motion, is round-
 
 
 class VariableStepper(March):
-    """Advance u'' = f(t, u, v) with tolerances.
-
-    Parameters
-    ----------
-    system : System
-    t_span : (float, float)
-    u, v : float or ndarray
-        The state at the start.
-    params : ndarray
-        From `guarded`.
-    tolerances : Tolerances
-    times : ndarray or None
-        The times of t_eval.
-
-
-    Attributes
-    ----------
-    rows_before_end : int or None
-        The number of rows that were written before the last step; None before `shorten`.
-    """
+    """Advance u'' = f(t, u, v) with tolerances; `params` come from `guarded`, and `times` are the times of t_eval."""
 
     n_iterations = 0
     notes: tuple[str, ...] = ()
-    rows_before_end: int | None = None
+    rows_before_end: int | None = None  # the rows that were written before the last step; None before `shorten`
     _before_end: dict[str, Any] | None = None  # the return value of `kept` before the last step
 
     def __init__(
@@ -87,15 +67,8 @@ class VariableStepper(March):
     def _work_rows(self) -> int:
         return self.kernel.formulas.work_rows
 
-    def _compiled(self, method: Method) -> Kernel:
-        system, n = self.system, self.n
-        if n not in system.kernels:
-            system.kernels[n] = _kernel(system, method.variable, n)
-        return system.kernels[n]
-
-    def _use(self, kernel: Kernel) -> None:
-        self.kernel, self.running, self._carried = kernel, kernel.running, kernel.rows
-        self.state = aligned((kernel.rows, self.n))
+    def _new_kernel(self, method: Method) -> Kernel:
+        return _kernel(self.system, method.variable, self.n)
 
     @property
     def t(self) -> float:
@@ -201,8 +174,8 @@ def _kernel(system: System, module: str, n: int) -> Kernel:
         call = variable.observing(compiled, module, form, n, parts)
     else:
         call = variable.kernel(module, form, 0 if system.constrained_step else n, parts=parts)
-    callbacks = system.callback.address, None
-    return Kernel(system.method, formulas, formulas.rows, call, callbacks, Observation(), (module, n, system.inline))
+    callbacks, rows = (system.callback.address, None), formulas.rows
+    return Kernel(system.method, formulas, rows, rows, call, callbacks, Observation(), (module, n, system.inline))
 
 
 def _inline(module: str, form: Any, n: int, rhs: Any, jacobian: None, quantities: tuple) -> Any:
