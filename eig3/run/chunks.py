@@ -26,7 +26,6 @@ from ..result.solution import Solution, Status
 from ..result.storage import Place
 from ..stepping.march import Cancel, Rows
 from ..stepping.run_options import NEVER
-from ..stepping.system import System
 from .history import History
 from .progress import Progress
 
@@ -120,11 +119,6 @@ class Run:
 
     # Differences between a fixed step and tolerances -----------------------------------------------------------------
 
-    @classmethod
-    def restored(cls, solution: Solution, system: System) -> Run:
-        """Return the run of a loaded solution, at its end; the names of its functions are checked."""
-        raise NotImplementedError
-
     def extended(self, t_end: float, progress: bool, save_to: str | PathLike[str] | None, t_eval: Any) -> Run:
         """Return an independent run to a later end, which starts at the end of this run."""
         raise NotImplementedError
@@ -152,8 +146,17 @@ class Run:
         raise NotImplementedError
 
     def state(self) -> dict[str, Any]:
-        """Return the state from which the run continues, in numbers and arrays."""
-        raise NotImplementedError
+        """Return the state from which the run continues, in numbers and arrays: what each kind of run has."""
+        stepper = self.stepper
+        return {
+            "t0": stepper.t0,
+            "start": stepper.start,
+            "params": stepper.p,
+            "layout": stepper.system.layout.text if stepper.system.layout else "",
+            "inline": stepper.inline,
+            "has_jacobian": stepper.method.jacobian is not None,
+            "times": self.times,
+        }
 
     def _left(self) -> int:
         """Return the number of steps to the end of the run, or to the next check."""
@@ -313,7 +316,7 @@ class Run:
         assert self.saved is not None
         solution = self._solution(self.saved, self.saved_outputs)
         if not isinstance(error, Exception):
-            solution._extend = self.itself
+            solution._extend = lambda: self
             if solution.can_go_on:
                 solution._resume = self.state
         return solution
@@ -396,9 +399,6 @@ class Run:
     ) -> Solution:
         """Continue from the end of the run, as `Solution.extend` describes."""
         return carry_out(lambda: self.extended(t_end, progress, save_to, t_eval), cancel, raise_on_failure)
-
-    def itself(self) -> Run:
-        return self
 
     def error(self, solution: Solution, cancel: Cancel | None, coarser: float | None = None) -> ErrorEstimate | None:
         """Estimate the error of the solution of this run; None if a compared run was interrupted.

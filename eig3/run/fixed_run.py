@@ -39,17 +39,9 @@ _LARGEST_GRADE = 7  # with a higher grade of EIG and a force that reads the velo
 
 
 class FixedRun(Run):
-    """A run of `n_steps` steps.
+    """A run of `n_steps` steps up to `t_end`, from which t0 + n h may differ by round-off.
 
-    Parameters
-    ----------
-    n_steps : int
-    t_end : float
-        The time after the last step; t0 + n h may differ from it by round-off.
-    save_every : int or None
-        As given by the user.
-    stepper, times, place, progress, history
-        As for `Run`.
+    `save_every` is as the user has given it. The other arguments are the same as for `Run`.
     """
 
     stepper: Stepper
@@ -155,20 +147,12 @@ class FixedRun(Run):
         return companion if len(companion.rows) > 1 else None
 
     def state(self) -> dict[str, Any]:
-        stepper = self.stepper
-        return {
-            "h": stepper.h,
-            "t0": stepper.t0,
+        return super().state() | {
+            "h": self.stepper.h,
             "t_end": self.t_end,
-            "start": stepper.start,
-            "params": stepper.p,
-            "layout": stepper.system.layout.text if stepper.system.layout else "",
-            "inline": stepper.inline,
-            "has_jacobian": stepper.method.jacobian is not None,
             "n_steps": self.n_steps,
             "save_every": self.save_every,
-            "times": self.times,
-            "stepper": stepper.kept(),
+            "stepper": self.stepper.kept(),
             "growth": self.growth.kept(),
         }
 

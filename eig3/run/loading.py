@@ -149,5 +149,5 @@ def with_functions(
     solution._accelerations, solution._reads_z = run.stepper.accelerations, first_order.is_read
     if isinstance(run, VariableRun):
         solution._between = run.between
-    solution._extend = run.itself
+    solution._extend = lambda: run
     return solution

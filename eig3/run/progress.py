@@ -30,12 +30,9 @@ class Progress:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.close()
+        if self._bar is not None:
+            self._bar.close()
 
     def add(self, count: int) -> None:
         if self._bar is not None:
             self._bar.update(count)
-
-    def close(self) -> None:
-        if self._bar is not None:
-            self._bar.close()

@@ -20,7 +20,7 @@ from ..kernels.loops.evaluation import guarded_kernel
 from ..kernels.protocol import AT_END, BEFORE_END, GOING, NEXT, REJECTED, SCALAR, STEP_BEFORE, TERMINAL, TIME
 from ..result.solution import Solution
 from ..stepping.stepper import Stepper
-from .chunks import Run, ended_by_event, solution_of
+from .chunks import ended_by_event, solution_of
 from .fixed_run import grid
 from .growth import STRANGE, natural_sizes
 
@@ -37,18 +37,8 @@ def at_once(
 ) -> Solution | None:
     """Take all steps of a run in one call; return None if its end needs further checks.
 
-    Parameters
-    ----------
-    stepper : Stepper or VariableStepper
-    most : int
-        The number of steps; with tolerances, the run may need fewer.
-    t_end : float
-    every, times
-        As for `Run`.
-    count : int
-        The number of rows; with tolerances, the run may need fewer.
-    kind, given
-        ``kind.ended(stepper, *given, rows, outputs)`` returns the run at its end.
+    The run has `most` steps and `count` rows, or with tolerances fewer. ``kind.ended(stepper, *given, rows, outputs)``
+    returns the `Run` at its end.
     """
     is_fixed, look, counters, state = isinstance(stepper, Stepper), stepper.look, stepper.counters, stepper.state
     u, v = np.empty((count, stepper.n)), np.empty((count, stepper.n))
@@ -101,7 +91,7 @@ def at_once(
         saved["t"] = times[:row].copy()
     run = partial(kind.ended, stepper, *given, saved, outputs)
     fields = {**saved, "outputs": outputs, "_extend": run}
-    later: dict[str, Callable[[], Any]] = {"notes": partial(_notes, run)}
+    later: dict[str, Callable[[], Any]] = {"notes": lambda: run().all_notes()}
     if is_fixed:
         fields["h"] = stepper.h
     else:
@@ -113,7 +103,7 @@ def at_once(
     if is_over:
         fields["status"], fields["message"] = ended_by_event(stepper.ended, stepper.ended_by, stepper.t)
     else:
-        fields["_resume"] = partial(_state, run)
+        fields["_resume"] = lambda: run().state()
     return solution_of(stepper, fields, later)
 
 
@@ -180,11 +170,3 @@ def _rows_of_outputs(stepper: Any, count: int, row: int) -> dict[str, np.ndarray
 def _write_outputs(stepper: Any, outputs: dict[str, np.ndarray], row: int) -> None:
     for name, value in stepper.look.present_outputs().items():
         outputs[name][row] = value
-
-
-def _notes(run: Callable[[], Run]) -> tuple[str, ...]:
-    return run().all_notes()
-
-
-def _state(run: Callable[[], Run]) -> dict[str, Any]:
-    return run().state()

@@ -150,17 +150,11 @@ class VariableRun(Run):
     def state(self) -> dict[str, Any]:
         stepper = self.stepper.before_end()
         found = stepper.look.occurrences() if stepper.look else {}
-        return {
-            "t0": stepper.t0,
-            "t_end": stepper.t_end,
-            "start": stepper.start,
+        return super().state() | {
             "params": stepper.p,
-            "layout": stepper.system.layout.text if stepper.system.layout else "",
-            "inline": stepper.inline,
-            "has_jacobian": False,
+            "t_end": stepper.t_end,
             "tolerances": stepper.tolerances._asdict(),
             "every": self.every,
-            "times": self.times,
             "rows": self._rows_kept(),
             "stepper": stepper.kept(),
             "events": {name: len(occurrences) for name, occurrences in found.items()},
@@ -197,15 +191,12 @@ class VariableRun(Run):
         elif ended == BEFORE_END:
             stepper.shorten(self.history.count)
         elif ended == FULL and self.times is None:
-            self._make_room()
+            self.history.make_room()
+            self._refer()
         elif ended == TOO_SMALL:
             self._end_too_small()
         else:
             self._judge_event()
-
-    def _make_room(self) -> None:
-        self.history.make_room()
-        self._refer()
 
     def _end_too_small(self) -> None:
         stepper, t = self.stepper, self.stepper.t
