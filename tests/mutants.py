@@ -323,8 +323,8 @@ MUTANTS = {
     ("eig3/ensembles/histories.py", "test_adaptive_lanes.py -k 'steps_of_single_runs'"): [
         ("/ np.maximum(1, n_steps)", "/ np.maximum(1, n_steps + n_rejected)"),
         (
-            "n_rejected[chosen], self.n_rhs[chosen] = n_steps, n_rejected",
-            "n_rejected[chosen], self.n_rhs[chosen] = n_rejected, n_steps",
+            "n_steps, n_rhs)\n        self.n_rejected[chosen] = n_rejected",
+            "n_rejected, n_rhs)\n        self.n_rejected[chosen] = n_steps",
         ),
     ],
     ("eig3/ensembles/occurrences.py", "test_adaptive_lanes.py -k 'events_and_times'"): [

@@ -29,11 +29,6 @@ _NOT_STARTED = "The run was interrupted before this member started."
 class Histories:
     """The saved states, ends, extremes and events of all members.
 
-    Parameters
-    ----------
-    members : Members
-    options : RunOptions
-
     Raises
     ------
     MemoryError
@@ -46,7 +41,7 @@ class Histories:
         rows = options.rows(int(members.n_steps.max()))
         check_members_history(m, rows, n, functions.n_outputs)
         self.u, self.v = np.full((m, rows, n), np.nan), np.full((m, rows, n), np.nan)
-        self._t, self.steps = self._first_times(rows), np.full((m, rows), np.nan) if options.has_tolerances else None
+        self._t, self.steps = self._first_times(rows), np.full((m, rows), np.nan) if options.tolerances else None
         self._room, self._longest = Lock(), rows
         if options.t_eval is None:
             self.u[:, 0], self.v[:, 0] = members.u0, members.v0
@@ -81,10 +76,7 @@ class Histories:
         n_rhs: np.ndarray,
     ) -> None:
         """End members after `index` steps, with u, v and the outputs of their last states, shape (n, members)."""
-        self.n_steps[chosen], self.n_rhs[chosen] = index, n_rhs
-        if self.drift:
-            every = self.options.functions.invariants_every
-            self.n_invariants[chosen] = n_invariants(index, spacing_of(every))
+        self._count(chosen, np.full(len(chosen), index), n_rhs)
         complete = self.members.n_steps[chosen] == index
         self.status[chosen[complete]], self.message[chosen[complete]] = Status.COMPLETED, REACHED
         row = n_rows(index, self.every) - 1
@@ -98,6 +90,14 @@ class Histories:
                 last["u"], last["v"] = (self.shaped(x[:, place].copy()) for x in (u, v))
                 last["outputs"] = {name: self._valued(name, x[:, place].copy()) for name, x in outputs.items()}
                 self.last[member] = last
+
+    def _count(self, chosen: np.ndarray, n_steps: np.ndarray, n_rhs: np.ndarray) -> None:
+        """Store the counts of members that ran in lanes."""
+        self.n_steps[chosen], self.n_rhs[chosen] = n_steps, n_rhs
+        if self.drift:
+            spacing = spacing_of(self.options.functions.invariants_every)
+            counts, of_member = np.unique(n_steps, return_inverse=True)
+            self.n_invariants[chosen] = np.array([n_invariants(int(n), spacing) for n in counts])[of_member]
 
     def _beside(
         self, u: np.ndarray, v: np.ndarray, outputs: Mapping[str, np.ndarray]
@@ -155,13 +155,10 @@ class Histories:
         self, chosen: np.ndarray, t: np.ndarray, n_steps: np.ndarray, n_rejected: np.ndarray, n_rhs: np.ndarray
     ) -> None:
         """Store the counts of members with tolerances that ran in lanes to their ends at t."""
-        self.n_steps[chosen], self.n_rejected[chosen], self.n_rhs[chosen] = n_steps, n_rejected, n_rhs
+        self._count(chosen, n_steps, n_rhs)
+        self.n_rejected[chosen] = n_rejected
         self.h[chosen] = (t - self.members.t_span[0]) / np.maximum(1, n_steps)
         self.status[chosen], self.message[chosen] = Status.COMPLETED, REACHED
-        if self.drift:
-            spacing = spacing_of(self.options.functions.invariants_every)
-            counts, of_member = np.unique(n_steps, return_inverse=True)
-            self.n_invariants[chosen] = np.array([n_invariants(int(n), spacing) for n in counts])[of_member]
 
     def save_rows(self, chosen: np.ndarray, first: Sequence, place: np.ndarray, rows: Sequence, last: Sequence) -> None:
         """Store the first states of members with their own times, some rows, and the last states, if no row has them.
@@ -201,10 +198,7 @@ class Histories:
         u, v and the outputs have the shape (members, n or k).
         """
         assert self._t is not None
-        self.n_steps[chosen], self.n_rhs[chosen] = index, n_rhs
-        if self.drift:
-            spacing = spacing_of(self.options.functions.invariants_every)
-            self.n_invariants[chosen] = [n_invariants(int(n), spacing) for n in index]
+        self._count(chosen, index, n_rhs)
         grid = self.members.t_span[0] + index * self.members.steps[chosen]
         last = index // self.every + ((index % self.every > 0) | (t > grid))
         later, places = np.arange(self.u.shape[1]) > last[:, None], np.arange(len(chosen))
@@ -301,7 +295,7 @@ class Histories:
         if not self.options.has_own_times:
             return None
         t = np.full((len(self.members), rows), np.nan)
-        t[:] = self.members.t_span if self.options.has_tolerances else self._grid(rows)
+        t[:] = self.members.t_span if self.options.tolerances else self._grid(rows)
         return t
 
     def _grid(self, rows: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from queue import Empty, Queue
@@ -76,7 +76,7 @@ class Run:
         if shared is None:
             return [Alone(order[i : i + _ALONE], self.histories, self._single) for i in range(0, m, _ALONE)]
         lanes = shared.layout.lanes
-        if self.options.has_tolerances:
+        if self.options.tolerances:
             pieces = max(1, min(_PIECES * self.threads, m // (_PIECES * lanes))) if self.threads > 1 else 1
             return [AdaptiveBlock(shared, numbers) for numbers in np.array_split(order, pieces)]
         return [Block(shared, order[i : i + lanes]) for i in range(0, m, lanes)]
@@ -146,29 +146,20 @@ class Run:
     def solution(self) -> EnsembleSolution:
         """Return the results so far."""
         seconds = sum([work.seconds for work in self.work])
-        again = None if self.is_part else partial(_again, self.rhs, self.members, self.options)
-        given = self.rhs, self.members, self.options, self.histories
-        return _result(*given, seconds, self.notes, again=again)
+        return _result(self.rhs, self.histories, seconds, self.notes, is_part=self.is_part)
 
 
 def at_start(rhs: Any, members: Members, options: RunOptions) -> EnsembleSolution:
     """Return the result of an ensemble whose members have not started."""
-    again = partial(_again, rhs, members, options)
-    return _result(rhs, members, options, Histories(members, options), again=again)
+    return _result(rhs, Histories(members, options))
 
 
 def _result(
-    rhs: Any,
-    members: Members,
-    options: RunOptions,
-    histories: Histories,
-    seconds: float = 0.0,
-    notes: Sequence[str] = (),
-    *,
-    again: Callable[..., EnsembleSolution] | None,
+    rhs: Any, histories: Histories, seconds: float = 0.0, notes: Sequence[str] = (), *, is_part: bool = False
 ) -> EnsembleSolution:
-    repeat = Singles(rhs, members, options, save_every=1, t_eval=None)
-    return histories.solution(rhs, seconds, notes, repeat, again)
+    given = rhs, histories.members, histories.options
+    repeat = Singles(*given, save_every=1, t_eval=None)
+    return histories.solution(rhs, seconds, notes, repeat, None if is_part else partial(_again, *given))
 
 
 def _again(

@@ -60,18 +60,11 @@ _known: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Lanes]]] = WeakKeyDictiona
 
 
 class Pace:
-    """The number of steps of a chunk, from the time of the last chunk of any block.
-
-    Attributes
-    ----------
-    steps : int
-    seconds : float or None
-        The time per step; None before the first chunk.
-    """
+    """The number of steps of a chunk, from the time of the last chunk of any block."""
 
     def __init__(self) -> None:
         self.steps = FIRST_CHUNK
-        self.seconds: float | None = None
+        self.seconds: float | None = None  # for each step; None before the first chunk
 
     def note(self, steps: int, seconds: float) -> None:
         """Choose the number of steps of the next chunk."""
@@ -127,22 +120,17 @@ class Setup:
 
 
 def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles, threads: int) -> tuple[Any, str]:
-    """Compile the functions for lanes.
+    """Compile the functions for lanes, and return a `Setup` and a note for the user, which may be empty.
 
-    Returns
-    -------
-    Setup or None
-        None if the members run one at a time.
-    str
-        A note for the user, or an empty string.
+    The setup is None if the members run one at a time.
     """
     members, options, method = histories.members, histories.options, histories.options.method
     of_params = bound_layout(rhs)
-    named = NamedLanes.of(rhs, of_params, members) if of_params and not options.has_tolerances else None
+    named = NamedLanes.of(rhs, of_params, members) if of_params and not options.tolerances else None
     unrolled, obstacle = _unrolled_of(rhs, of_params, members) if named is None else (None, "")
     invariants, outputs = options.functions.quantities(members.form)
     followed = {**invariants, **outputs}
-    if options.has_tolerances:
+    if options.tolerances:
         layout = _layout(members, ADAPTIVE_LANES, has_own_times=True) if _pays(members, unrolled) else None
     else:
         method = method.for_force(callback.reads_velocity, members.n)
@@ -152,7 +140,7 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
         more = unrolled.room + members.n if unrolled else 0
         layout = layout_of(members, method, rows + more, threads, named)
         obstacle = _AT_TIMES if options.t_eval is not None else obstacle
-    if obstacle and (layout or not options.has_tolerances):
+    if obstacle and (layout or not options.tolerances):
         return None, f"The members run one at a time, because {obstacle}"
     if layout is None:
         return None, ""

@@ -21,16 +21,7 @@ from .members import Members
 
 
 class Singles:
-    """The single runs of members.
-
-    Parameters
-    ----------
-    rhs : jitted function
-    members : Members
-    options : RunOptions
-    **changes
-        Options of the runs that differ, such as ``save_every=None``.
-    """
+    """The single runs of members; `changes` are options that differ in them, such as ``save_every=None``."""
 
     def __init__(self, rhs: Any, members: Members, options: RunOptions, **changes: Any) -> None:
         self.rhs, self._members, self._options = rhs, members, options._replace(**changes)
@@ -51,7 +42,7 @@ class Singles:
     def prepared(self, i: int) -> Prepared:
         """Return the prepared run of member i, which all members share if they have the same step and no noise."""
         members, method = self._members, self._options.method
-        h = None if self._options.has_tolerances else float(members.steps[i])
+        h = None if self._options.tolerances else float(members.steps[i])
         if members.has_own_step or method.is_stochastic:
             return self._prepared(h, method.of_member(members.first + i))
         if self._shared is None:
@@ -67,15 +58,7 @@ class Singles:
 
 
 class Alone:
-    """Some members of an ensemble that run one at a time.
-
-    Parameters
-    ----------
-    numbers : ndarray of int
-        The numbers of the members.
-    histories : Histories
-    single : Singles
-    """
+    """Some members of an ensemble, by their numbers, that run one at a time."""
 
     def __init__(self, numbers: np.ndarray, histories: Histories, single: Singles) -> None:
         self.numbers, self.histories, self.single = numbers, histories, single

@@ -64,10 +64,6 @@ class RunOptions(NamedTuple):
     layout: Layout | None = None
 
     @property
-    def has_tolerances(self) -> bool:
-        return self.tolerances is not None
-
-    @property
     def every(self) -> int:
         """The number of steps between saved states."""
         return NEVER if self.save_every is None else self.save_every
@@ -75,13 +71,13 @@ class RunOptions(NamedTuple):
     @property
     def has_own_times(self) -> bool:
         """Whether the times of saved states are known only after the run."""
-        return self.t_eval is None and (self.has_tolerances or any(event.terminal for event in self.events.values()))
+        return self.t_eval is None and (bool(self.tolerances) or any(event.terminal for event in self.events.values()))
 
     def rows(self, n_steps: int) -> int:
         """Return the number of saved states in a run of `n_steps` steps; with tolerances, there may be more."""
         if self.t_eval is not None:
             return len(self.t_eval)
-        return 2 if self.has_tolerances else n_rows(n_steps, self.every)
+        return 2 if self.tolerances else n_rows(n_steps, self.every)
 
 
 def _remembered(check: Callable[..., RunOptions]) -> Callable[..., RunOptions]:
