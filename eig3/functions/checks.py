@@ -83,11 +83,11 @@ def check_time(t: float, name: str) -> float:
     return float(time)
 
 
-def check_h(h: float) -> float:
-    """Return the step, which must be positive and finite, as a float."""
-    step = h if type(h) is float else reals(h, "h")
+def check_h(h: float, name: str = "h") -> float:
+    """Return a step, which must be positive and finite, as a float."""
+    step = h if type(h) is float else reals(h, name)
     if np.ndim(step) != 0 or not (math.isfinite(step) and step > 0):
-        raise ValueError(f"h must be a positive, finite number of time units, not {shown(h)}.")
+        raise ValueError(f"{name} must be a positive, finite number of time units, not {shown(h)}.")
     return float(step)
 
 

@@ -123,19 +123,6 @@ def _not_finite(a: Any) -> str:
     return f"rhs gives {values[bad]} for degree of freedom {bad} at the start"
 
 
-def _evaluate(
-    rhs: Callback, form: Form, t: float, given: dict[str, Any], guards: dict[str, float] | None = None
-) -> Any:
-    if form is SCALAR:
-        return rhs.call(t, given["u"], given["v"], given["p"])
-    u, v = (guarded(given[name], (guards or {}).get(name, np.nan)) for name in "uv")
-    a = guarded(np.full(u.size, np.nan))
-    rhs.call(t, u, v, given["p"], a)
-    if beyond(a):
-        raise written_beyond(a.size)
-    return a
-
-
 def written_beyond(n: int) -> ValueError:
     """Return the error of a right-hand side that writes beyond the end of a."""
     return ValueError(f"rhs writes beyond the end of a, which has {n} entries, one for each value of u0.")
@@ -147,14 +134,18 @@ def _read_beyond(rhs: Callback, form: Form, t: float, u: Any, v: Any, p: np.ndar
     For such an array, the result is finite if the guard values of all arrays are zero, but not if the guard values of
     this array are NaN.
     """
-    names = ["p"] if form is SCALAR else ["p", "u", "v"]
-    given = {"p": p, "u": u, "v": v}
+    given = {"p": p} if form is SCALAR else {"p": p, "u": u, "v": v}
+    names = [*given]
 
     def is_finite(zeroed: list[str]) -> bool:
-        guards = dict.fromkeys(zeroed, 0.0)
-        filled = {**given, "p": guarded(p, guards.get("p", np.nan))}
+        filled = {name: guarded(x, 0.0 if name in zeroed else np.nan) for name, x in given.items()}
+        state = filled.get("u", u), filled.get("v", v), filled["p"]
         try:
-            return bool(np.isfinite(_evaluate(rhs, form, t, filled, guards)).all())
+            if form is SCALAR:
+                return math.isfinite(rhs.call(t, *state))
+            a = guarded(np.full(u.size, np.nan))
+            rhs.call(t, *state, a)
+            return bool(np.isfinite(a).all()) and not beyond(a)
         except Exception:
             return False
 

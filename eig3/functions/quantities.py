@@ -123,25 +123,10 @@ def _number_or_names(k: Any, said: str) -> Any:
 
 
 class Quantity:
-    """A function of the state that is evaluated along a run.
+    """A function of the state that is evaluated along a run, compiled as `callback`.
 
-    Parameters
-    ----------
-    name : str
-        The name of the argument in error messages, such as "outputs['force']".
-    function : jitted function
-    k : int or None
-        The number of values that the function writes; None if it returns its only value.
-    form : Form
-
-    Attributes
-    ----------
-    callback : Callback
-        The compiled function.
-    shape : tuple of int
-        The shape of a value: () or (k,).
-    width : int
-        Number of values.
+    It writes k values, or returns its only value if k is None: `shape` is (k,) or (), and `width` is the number of
+    values. `name` is the name of the argument in errors, such as "outputs['force']".
 
     Raises
     ------
@@ -178,7 +163,8 @@ class Quantity:
         out = guarded(values)  # private to this thread
         out.fill(np.nan)
         self.callback.call(t, u, v, p, out)
-        self.check_within(out)
+        if beyond(out):
+            raise self.written_beyond()
         values[:] = out
         self._check_written(t, u, v, p, values)
 
@@ -202,11 +188,6 @@ class Quantity:
                 f"{self.name} does not write out[{unwritten[0]}] at the start; write every value, or give the right "
                 "number k in (function, k)."
             )
-
-    def check_within(self, out: np.ndarray) -> None:
-        """Raise a ValueError if the function has written beyond an array from `guarded`."""
-        if self.shape and beyond(out):
-            raise self.written_beyond()
 
     def written_beyond(self) -> ValueError:
         """Return the error of a function that writes beyond its values."""

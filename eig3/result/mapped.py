@@ -137,14 +137,7 @@ class MappedRows:
 
 
 def read_mapped(directory: Path, checksums: Mapping[str, int], rows: int) -> dict[str, np.ndarray]:
-    """Return the first `rows` rows as read-only arrays. They are read once to verify their checksums.
-
-    Parameters
-    ----------
-    directory : Path
-    checksums : dict of str to int
-        The checksums of these rows, by the names of the arrays.
-    rows : int
+    """Return the first `rows` rows as read-only arrays. They are read once to verify their checksums, by array.
 
     Raises
     ------
@@ -204,16 +197,10 @@ class _RowFile:
 
     def _write_header(self, rows: int) -> int:
         """Write the header, whose length does not depend on the number of rows, and return its length."""
+        header, shape = io.BytesIO(), (rows, *self._shape)
+        np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": shape})
         self._file.seek(0)
-        return self._file.write(_header(np.dtype("<f8"), (rows, *self._shape)))
-
-
-def _header(dtype: np.dtype, shape: tuple[int, ...]) -> bytes:
-    """Return the header of a .npy file. It has space for a larger number of rows."""
-    buffer = io.BytesIO()
-    description = np.lib.format.dtype_to_descr(dtype)
-    np.lib.format.write_array_header_1_0(buffer, {"descr": description, "fortran_order": False, "shape": shape})
-    return buffer.getvalue()
+        return self._file.write(header.getvalue())
 
 
 def _reserve(file: BinaryIO, size: int) -> None:

@@ -29,6 +29,12 @@ def n_rows(n_steps: int, every: int) -> int:
     return n_steps // every + 1 + (n_steps % every > 0)
 
 
+def _check(needed: float, what: str, remedy: str) -> None:
+    """Raise a MemoryError if so many bytes do not fit."""
+    if not needed <= NOT_WORTH_A_LOOK and not needed <= (free := available_memory()):
+        raise MemoryError(f"{what} {needed:.3g} bytes and {free:.3g} are free; {remedy}.")
+
+
 def check_history(n_steps: int, every: int, n: int, n_outputs: int = 0) -> None:
     """Raise a MemoryError if the history of n degrees of freedom does not fit; it names a `save_every` that fits.
 
@@ -46,11 +52,7 @@ def check_history(n_steps: int, every: int, n: int, n_outputs: int = 0) -> None:
 def check_error(*history: np.ndarray) -> None:
     """Raise a MemoryError if the errors of runs, whose histories are these arrays, do not fit."""
     needed = _OF_ERROR * sum(x.nbytes for x in history)
-    if needed > NOT_WORTH_A_LOOK and needed > (free := available_memory()):
-        raise MemoryError(
-            f"the estimated error needs {needed:.3g} bytes and {free:.3g} are free; save fewer states by save_every "
-            "or t_eval."
-        )
+    _check(needed, "the estimated error needs", "save fewer states by save_every or t_eval")
 
 
 def record_places(length: float, spacing: float, each: int) -> np.ndarray:
@@ -61,11 +63,7 @@ def record_places(length: float, spacing: float, each: int) -> np.ndarray:
     MemoryError
         If a record that needs `each` bytes for a sample during its construction does not fit.
     """
-    needed = each * (length / spacing + 1)
-    if not needed <= NOT_WORTH_A_LOOK and not needed <= (free := available_memory()):
-        raise MemoryError(
-            f"a record up to {length:g} needs {needed:.3g} bytes and {free:.3g} are free; take a shorter t_end."
-        )
+    _check(each * (length / spacing + 1), f"a record up to {length:g} needs", "take a shorter t_end")
     return np.arange(0.0, length + spacing / 2, spacing)
 
 
@@ -91,12 +89,12 @@ def _remedy(n_steps: int, rows: float) -> str:
 
 def check_members_history(m: int, rows: int, n: int, n_outputs: int = 0) -> None:
     """Raise a MemoryError if the histories of m members, with `rows` states each, do not fit."""
-    needed = 8 * m * rows * (2 * n + n_outputs)
-    if needed > NOT_WORTH_A_LOOK and needed > (free := available_memory()):
-        raise MemoryError(
-            f"the histories of {m} members need {needed:.3g} bytes and {free:.3g} are free; take a larger save_every, "
-            "or reduce=, a function that returns the values that you need from each part of the ensemble."
-        )
+    _check(
+        8 * m * rows * (2 * n + n_outputs),
+        f"the histories of {m} members need",
+        "take a larger save_every, or reduce=, a function that returns the values that you need from each part of the "
+        "ensemble",
+    )
 
 
 def check_study(m: int, values: int) -> None:
@@ -110,11 +108,9 @@ def check_workspace(method: Method, n: int) -> None:
     """Raise a MemoryError if the n x n matrix of an implicit method does not fit."""
     # There are two matrices: a stepper keeps a copy of its state, to restore it.
     needed = 16 * n * n if method.formulas.matrix else 0
-    if needed > NOT_WORTH_A_LOOK and needed > (free := available_memory()):
-        raise MemoryError(
-            f"the {n} x {n} matrix of Newton's method needs {needed:.3g} bytes and {free:.3g} are free; "
-            "CentralDifference(solver='fixed-point') needs none."
-        )
+    _check(
+        needed, f"the {n} x {n} matrix of Newton's method needs", "CentralDifference(solver='fixed-point') needs none"
+    )
 
 
 def aligned(shape: tuple[int, ...]) -> np.ndarray:

@@ -143,14 +143,10 @@ def _is_estimate(x: Any, fields: Mapping[str, Any], states: tuple[int, ...]) -> 
         return False
     of_names = {
         "drift": _is_number,
-        "extremes": lambda value: isinstance(value, Extremes) and all(map(_is_number_or_array, value)),
+        "extremes": lambda value: isinstance(value, Extremes) and all(_is_number(x) or _is_array(x) for x in value),
         "events": lambda value: _is_array(value) and value.ndim == 1,
     }
     return all(_are_named(test, getattr(x, name)) for name, test in of_names.items())
-
-
-def _is_number_or_array(x: Any) -> bool:
-    return _is_number(x) or _is_array(x)
 
 
 def _is_state(x: Any, has_steps: bool) -> bool:

@@ -74,13 +74,7 @@ class Place:
     def keep(self, files: MappedRows, rows: int, solution: Callable[[], Any]) -> None:
         """Write a record of the run at intervals, which remains if the process is killed.
 
-        Parameters
-        ----------
-        files : MappedRows
-        rows : int
-            Number of complete rows in the files.
-        solution : callable
-            A function that returns the run up to these rows.
+        ``solution()`` returns the run up to the complete rows in the files, whose number is `rows`.
         """
         begin = time.perf_counter()
         if begin >= self._next:
@@ -208,7 +202,9 @@ def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str
     arrays = read_mapped(directory, checksums, rows)
     given: dict[str, Any] = {name: arrays.get(name) for name in ROWS}
     given["outputs"] = {name: arrays[file] for name, file in files.items()}
-    whole, unknowns = (given["u"], given["v"]), _first_order(*record["first_order"])
+    names, shapes, is_read = record["first_order"]
+    unknowns = FirstOrder(tuple(map(str, names)), tuple(tuple(map(int, shape)) for shape in shapes), bool(is_read))
+    whole = given["u"], given["v"]
     given["u"], given["v"], given["z"] = unknowns.separated(*whole) if unknowns else (*whole, {})
     result = _of_kind(record, others, given)
     result._whole = whole if unknowns else None
@@ -219,11 +215,6 @@ def _solution_in(directory: Path, record: Mapping[str, Any], others: Mapping[str
             "running."
         )
     return result
-
-
-def _first_order(names: Any, shapes: Any, is_read: Any) -> FirstOrder:
-    """Return first-order unknowns from a record."""
-    return FirstOrder(tuple(map(str, names)), tuple(tuple(map(int, shape)) for shape in shapes), bool(is_read))
 
 
 def _read(target: Path, solution: Callable[[Mapping[str, Any], Mapping[str, np.ndarray]], Any]) -> Any:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.checks import check_count, check_method, reals, shown
+from ..functions.checks import check_count, check_h, check_method, reals, shown
 from ..functions.companions import Cutoffs
 from ..methods import METHODS, RK5, RK8, RKN12, Method
 
@@ -79,8 +79,8 @@ def check_tolerances(
         float(relative),
         np.zeros(()) if atol is None else reals(atol, "atol"),
         atol is None,
-        0.0 if first_step is None else _positive(first_step, "first_step"),
-        math.inf if h_max is None else _positive(h_max, "h_max"),
+        0.0 if first_step is None else check_h(first_step, "first_step"),
+        math.inf if h_max is None else check_h(h_max, "h_max"),
         2**62 if max_steps is None else check_count(max_steps, "max_steps"),
         h_max is not None,
     )
@@ -126,10 +126,3 @@ def check_variable(method: str | Method) -> Method:
         raise ValueError("method must be EIG3() with tolerances: alpha and beta depend on the steps.")
     known = ", ".join(repr(name) for name, other in METHODS.items() if getattr(other(), "variable", ""))
     raise ValueError(f"method must be one of {known} with tolerances, not {record!r}; the others need h.")
-
-
-def _positive(value: Any, name: str) -> float:
-    number = reals(value, name)
-    if number.ndim or not (math.isfinite(number) and number > 0):
-        raise ValueError(f"{name} must be a positive, finite number of time units, not {shown(value)}.")
-    return float(number)
