@@ -278,7 +278,7 @@ def test_all_uses_of_a_method_share_kernels(kind):
     for use in uses:
         prepared = eig3.prepare(own, **steps, **use)
         prepared(SPAN, u0, v0, P)
-        calls = [kernel.call for kernel in prepared._system.kernels.values()]
+        calls = [kernel.call for kernel in prepared.system.kernels.values()]
         kernels.update(getattr(call, "compiled", call) for call in calls)
     assert len(kernels) == (1 if "rtol" in steps else 3)
 

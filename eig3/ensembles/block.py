@@ -36,12 +36,6 @@ class Block(Alone):
     A lane without a running member repeats a running member, so it fails only if that member fails.
 
     A member runs again alone if its events need a single run: see `eig3.kernels.loops.lane_search`.
-
-    Parameters
-    ----------
-    shared : Setup
-    numbers : ndarray of int
-        The numbers of the members.
     """
 
     def __init__(self, shared: Setup, numbers: np.ndarray) -> None:
@@ -202,7 +196,8 @@ class Block(Alone):
     def _observe(self, first: int, u: np.ndarray, v: np.ndarray, outputs: dict[str, np.ndarray]) -> None:
         """Process a chunk, with its saved states and outputs."""
         shared, state = self.shared, self._state
-        if shared.layout.form is VECTOR and (state.index - self._checked >= _CHECKED_STEPS or self._is_end()):
+        ends = (self._runs & (self._ends == state.index)).any()
+        if shared.layout.form is VECTOR and (ends or state.index - self._checked >= _CHECKED_STEPS):
             self._check_written()
         self._save(first // self.histories.every + 1, u, v, outputs)
         half = self._half == state.index
@@ -218,10 +213,6 @@ class Block(Alone):
         degrees, lanes = np.nonzero(state.unwritten() & self._runs)
         if degrees.size:
             raise unwritten_entry(int(degrees[0]), state.t0 + (state.index - 1) * state.h[lanes[0]])
-
-    def _is_end(self) -> bool:
-        """Return whether a member ends here."""
-        return bool((self._runs & (self._ends == self._state.index)).any())
 
     def _save(self, row: int, u: np.ndarray, v: np.ndarray, outputs: dict[str, np.ndarray]) -> None:
         if len(u):

@@ -152,8 +152,7 @@ def ensemble(
     check_progress(progress)
     check_executor(executor)
     check_reduce(reduce)
-    if cancel is not None:
-        check_cancel(cancel)
+    check_cancel(cancel)
     if reduce is not None and save_to is not None:
         raise ValueError("reduce and save_to exclude each other: save_to keeps the states that reduce drops.")
     if z0 is not None:
@@ -163,7 +162,11 @@ def ensemble(
     if not isinstance(params, OfMembers | np.ndarray) and (has_names(params) or is_table(params, rhs)):
         params, one = split(rhs, params, check_span(t_span)[0], u0, v0, 0.0 if h is None else h)
         rhs = one.layout.bind(rhs)
-    _refuse_parallel(rhs)
+    if starts_threads(rhs):
+        raise ValueError(
+            "rhs uses threads, but the members already use all threads: compile it without parallel=True, or "
+            "give threads=1 to eig3.linear."
+        )
     flat, own_names = params if isinstance(params, OfMembers) else (params, ())
     members = check_members(rhs, t_span, u0, v0, flat, h, own_names)
     if isinstance(params, OfMembers) and not own_names:  # shared, also by a single member
@@ -223,15 +226,6 @@ def ready(rhs: Any, members: Members, options: RunOptions) -> tuple[Members, Run
         u0, v0 = prepared.rules.starts(n, members.t_span, *starts, members.first)
         members = replace(members, u0=u0, v0=v0)
     return members, prepared.options._replace(t_eval=times)
-
-
-def _refuse_parallel(rhs: Any) -> None:
-    """Refuse a function that starts threads."""
-    if starts_threads(rhs):
-        raise ValueError(
-            "rhs uses threads, but the members already use all threads: compile it without parallel=True, or "
-            "give threads=1 to eig3.linear."
-        )
 
 
 def _refuse(options: dict[str, Any]) -> None:

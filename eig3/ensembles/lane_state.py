@@ -25,13 +25,7 @@ class LaneState:
     """One state in each lane.
 
     If the members have different steps, the kernel uses the step as the unit of time: its step is 1, its velocity h v.
-
-    Parameters
-    ----------
-    shared : Setup
-    everyone : Members
-    members : ndarray of int, shape (lanes,)
-        The member of each lane.
+    `members` are the members of each lane.
 
     Attributes
     ----------
@@ -111,13 +105,6 @@ class LaneState:
         buffers[2, inside] = np.nan
         if not np.isnan(buffers[2]).all():
             raise written_beyond(len(u))
-        return a
-
-    def _evaluate(self, index: int, u: np.ndarray, v: np.ndarray, filled: float) -> np.ndarray:
-        """Evaluate rhs in the units of the kernel, into an array that was filled with a number."""
-        a = np.full_like(u, filled)
-        h, t0 = self._clock
-        self._rhs.call(t0 + index * h, u.ravel(), v.ravel(), self._p, a.ravel())
         return a
 
     @property
@@ -218,9 +205,11 @@ class LaneState:
 
     def unwritten(self) -> np.ndarray:
         """Return a mask of shape (n, lanes): the entries of a that rhs did not write in the last step."""
-        u, v = self._rows[0], self._rows[1]  # a method need not evaluate rhs at the end of a run
+        (u, v), (h, t0) = self._rows[:2], self._clock
+        a, other = np.full_like(u, np.nan), np.zeros_like(u)
         try:
-            a, other = (self._evaluate(self.index - 1, u, v, filled) for filled in (np.nan, 0.0))
+            for filled in (a, other):  # a method need not evaluate rhs at the end of a run
+                self._rhs.call(t0 + (self.index - 1) * h, u.ravel(), v.ravel(), self._p, filled.ravel())
         except Exception:  # rhs may fail at a time at which the method does not evaluate it
             return np.zeros(u.shape, dtype=bool)
         return np.isnan(a) & (other == 0)  # a value that rhs computes may be NaN too

@@ -16,16 +16,7 @@ from .members import Members
 
 
 class NamedLanes:
-    """The named parameters of the members.
-
-    Parameters
-    ----------
-    layout : Layout
-    values : mapping
-        The parameters of a member.
-    own : tuple of str
-        The names of the parameters with a value for each member.
-    """
+    """The named parameters: the `values` of a member, and `own`, the names with a value for each member."""
 
     def __init__(self, layout: Layout, values: Mapping[str, Any], own: tuple[str, ...]) -> None:
         self._layout, self._values, self._own = layout, values, own
@@ -36,7 +27,9 @@ class NamedLanes:
         is_written = hasattr(rhs.py_func.inner.py_func, "line_by_line")
         if not is_written and not (members.has_own_params and all(kind.ndim >= 0 for kind in layout.kinds)):
             return None
-        if members.has_own_params and not all(_is_real(layout, name) for name in members.own or layout.names):
+        kinds = dict(zip(layout.names, layout.kinds, strict=True))
+        own = [kinds[name] for name in (members.own or layout.names) if members.has_own_params]
+        if any(kind.ndim < 0 or kind.is_whole for kind in own):
             return None
         values = layout.read(members.params[0] if members.has_own_params else members.params)._asdict()
         return cls(layout, values, members.own if members.has_own_params else ())
@@ -56,8 +49,3 @@ class NamedLanes:
         if not self._own:
             return self._layout.bind(inner).py_func
         return self._layout.bind_in_lanes(inner, self._values, self._own)
-
-
-def _is_real(layout: Layout, name: str) -> bool:
-    kind = layout.kinds[layout.names.index(name)]
-    return kind.ndim >= 0 and not kind.is_whole

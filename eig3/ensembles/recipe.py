@@ -28,7 +28,8 @@ _OF_MEMBERS = "t_span", "u0", "v0", "h", "n_steps", "own"
 
 def recipe_of(rhs: Any, members: Members, options: RunOptions) -> dict[str, Any]:
     """Return the values that a file keeps: all that `restored` needs except the params, and the marks."""
-    method, layout = options.method, options.layout
+    method, layout, functions = options.method, options.layout, options.functions
+    named = {"events": options.events, "invariants": functions.invariants, "outputs": functions.outputs}
     return {
         "method": method if method.jacobian is None else dataclasses.replace(method, jacobian=None),
         "has_jacobian": method.jacobian is not None,
@@ -37,8 +38,8 @@ def recipe_of(rhs: Any, members: Members, options: RunOptions) -> dict[str, Any]
         "step": options.h,
         **{name: getattr(options, name) for name in ("tolerances", "save_every", "t_eval", "labels", "first_order")},
         "layout": layout and layout.text,
-        "names": {name: tuple(functions) for name, functions in _functions(options).items()},
-        "invariants_every": options.functions.invariants_every,
+        "names": {name: tuple(each) for name, each in named.items()},
+        "invariants_every": functions.invariants_every,
         "marks": marks(rhs, members, options),
     }
 
@@ -116,11 +117,6 @@ def differing(one: Marks, other: Marks) -> list[str]:
         return len(pair[0]) == len(pair[1]) and all(x == y or not (x and y) for x, y in zip(*pair, strict=True))
 
     return [name for name in one if not agrees(name)]
-
-
-def _functions(options: RunOptions) -> dict[str, Mapping[str, Any]]:
-    functions = options.functions
-    return {"events": options.events, "invariants": functions.invariants, "outputs": functions.outputs}
 
 
 def _in_order(argument: str, given: Any, names: tuple[str, ...]) -> Any:

@@ -302,7 +302,7 @@ def _choose(first: Search, records: list[Method]) -> list[Prediction]:
     variable = [ToleranceSearch(pilots, m) for m in _for(pilots.problem, VARIABLE) if m.name in kind.variable]
     for tolerant in variable:
         tolerant.run(first, longest=_SLOW * best.seconds, enough=enough)
-        best = min(best, tolerant, key=_seconds)
+        best = min(best, tolerant, key=lambda search: search.seconds)
     names = dict.fromkeys([first.method.name, *kind.fixed])
     fitting = [m for name in names for m in records if m.name == name] or records
     ruled_out = [_failure(m, f"{_RULED_OUT}usually slower where {kind.name}") for m in records if m not in fitting]
@@ -318,7 +318,7 @@ def _choose(first: Search, records: list[Method]) -> list[Prediction]:
             reason = _without_steps(search, best)
         if reason:
             ruled_out.append(_failure(method, _RULED_OUT + reason))
-        best = min(best, search, key=_seconds)
+        best = min(best, search, key=lambda search: search.seconds)
     failed = [_failed(search) for search in variable if not search.steps]
     found: list[AnySearch] = [*variable, *fixed]
     return _timed([search for search in found if search.steps]) + failed + ruled_out
@@ -372,10 +372,6 @@ def _end_of_search(first: Search) -> float:
     pilots = first.pilots
     run = first.seconds * pilots.part if first.steps else 0.0
     return max(_SECONDS, pilots.spent + max(_LEAST_SECONDS, _RUNS * run))
-
-
-def _seconds(search: AnySearch) -> float:
-    return search.seconds
 
 
 def _timed(searches: Sequence[AnySearch]) -> list[Prediction]:

@@ -53,6 +53,8 @@ class Prepared:
         "scalar" or "vector": whether u0 and v0 are numbers or arrays.
     method : Method
     options : RunOptions
+    system : System
+        The functions and the kernels of the run, compiled.
     rules : Rules or None
         What holds at a start that does not lie behind an event.
     """
@@ -79,26 +81,21 @@ class Prepared:
             reads_velocity = check_callback(rhs, "rhs", form).reads_velocity
             options = options._replace(method=usual_method(options.tolerances.rtol, reads_velocity))
         self.options = options
-        self._system: System = remembered(rhs, form, options)
+        self.system: System = remembered(rhs, form, options)
         records = records_of(rhs)
         self._left_out = left_out_of(rhs)
         self._records = records if records and (records.check or options.tolerances) else None
-        self.rules = Rules(options.events, self._system.event_table, self._system.project) or None
+        self.rules = Rules(options.events, self.system.event_table, self.system.project) or None
         self._tolerances: dict[int, Tolerances] = {}
         self._checked_times: tuple[Any, Any] = None, None
 
     @property
     def form(self) -> str:
-        return self._system.form.name
+        return self.system.form.name
 
     @property
     def method(self) -> Method:
-        return self._system.method
-
-    @property
-    def system(self) -> System:
-        """The functions and the kernels of the run, compiled."""
-        return self._system
+        return self.system.method
 
     def __call__(
         self,
@@ -140,7 +137,7 @@ class Prepared:
         if unknown:  # a decorator would cost a call
             raise refusal("Prepared", next(iter(unknown)), _OF_A_CALL)
         if check is not False and check_flag(check, "check"):
-            check_repeatable(self._system.method)
+            check_repeatable(self.system.method)
         span: Any = t_span
         if self._defaults:
             own_span, own_u0, own_v0, own_params = self._defaults
@@ -148,19 +145,19 @@ class Prepared:
             u0, v0 = (own_u0 if u0 is None else u0), (own_v0 if v0 is None else v0)
             params = own_params if type(params) is tuple and not params else params
         u, v, form = check_state(u0, v0)
-        if form is not self._system.form:
+        if form is not self.system.form:
             raise self._wrong_form(u0)
-        if z0 is not None or self._system.first_order.names:
+        if z0 is not None or self.system.first_order.names:
             u, v = self._with_first_order(u, v, z0)
         if self.options.layout or (type(params) not in WITHOUT_NAMES and has_names(params)):
             params = in_layout(self.options.layout, params)
         span, p, longest = check_span(span), guarded(check_params(params)), math.inf
         is_own = bool(self._defaults) and params is self._defaults[3]
         if self._left_out is not None and self._defaults and not is_own:
-            check_size(self._system.rhs, p, np.size(self._defaults[3]))
+            check_size(self.system.rhs, p, np.size(self._defaults[3]))
             check_left_out(self._left_out, p)
         if self._records or self.rules:
-            n = u.size - self._system.first_order.size
+            n = u.size - self.system.first_order.size
             longest = self._longest if is_own else longest_step(self._records, params, n)
             if self.rules:
                 u, v = self.rules.starts(n, span, u, v, p)
@@ -199,7 +196,7 @@ class Prepared:
 
     def _with_first_order(self, u: Any, v: Any, z0: Any) -> tuple[Any, Any]:
         """Return u and v with first-order unknowns at their first values."""
-        unknowns = self._system.first_order
+        unknowns = self.system.first_order
         if not unknowns:
             raise TypeError("z0 needs z0 in eig3.prepare too, which shows the number of first-order unknowns.")
         return unknowns.start(u, v, self._z0 if z0 is None else unknowns.again(z0))  # type: ignore[arg-type]
@@ -216,7 +213,7 @@ class Prepared:
             rows = n_rows(steps, every)
             if times is not None:
                 every, rows = NEVER, len(times)
-            pace = self._system.pace.get(stepper.kernel.pace_key)
+            pace = self.system.pace.get(stepper.kernel.pace_key)
             if pace is None or not steps or steps * pace > short.MOST_SECONDS or rows * stepper.n > short.MOST_VALUES:
                 return None
             given = steps, span[1], self.options.save_every, times
@@ -228,7 +225,7 @@ class Prepared:
             return None
 
     def _wrong_form(self, u0: Any) -> ValueError:
-        form = self._system.form
+        form = self.system.form
         wanted = "a number" if form is SCALAR else "an array"
         return ValueError(f"u0 must be {wanted}, because rhs has the {form.name} form, not {shown(u0)}.")
 
@@ -238,7 +235,7 @@ class Prepared:
         """Return a run at its start."""
         if progress is not False:
             check_progress(progress)
-        place = None if save_to is None else Place.of(save_to, self._system.labels, self._system.first_order)
+        place = None if save_to is None else Place.of(save_to, self.system.labels, self.system.first_order)
         times, options = None if self._t_eval is None else self._times_in(span), self.options
         if options.tolerances:
             stepper = self._variable_stepper(span, u, v, p, times, longest)
@@ -262,21 +259,21 @@ class Prepared:
         n_steps, h = divide(t0, t1, self.options.h)  # type: ignore[arg-type]
         if h < _SHORT * max(1.0, abs(t0), abs(t1)):
             check_resolution(h, t0, t1)
-        return Stepper.of(self._system, t0, h, u, v, p, times), n_steps
+        return Stepper.of(self.system, t0, h, u, v, p, times), n_steps
 
     def _variable_stepper(
         self, span: tuple[float, float], u: Any, v: Any, p: np.ndarray, times: np.ndarray | None, longest: float
     ) -> VariableStepper:
-        n = 1 if self._system.form is SCALAR else u.size
+        n = 1 if self.system.form is SCALAR else u.size
         tolerances = self._tolerances.get(n) or self.tolerances(n)
         if longest != tolerances.h_max and self.options.tolerances.h_max == math.inf:  # type: ignore[union-attr]
             tolerances = tolerances._replace(h_max=longest)
-        return VariableStepper(self._system, span, u, v, p, tolerances, times)
+        return VariableStepper(self.system, span, u, v, p, tolerances, times)
 
     def tolerances(self, n: int) -> Tolerances:
         """Return the tolerances for n degrees of freedom."""
         if n not in self._tolerances:
-            unknowns = self._system.first_order
+            unknowns = self.system.first_order
             size = unknowns.size
             assert self.options.tolerances
             own = self.options.tolerances.of(n - size, size, are_read=unknowns.is_read)
@@ -285,7 +282,7 @@ class Prepared:
 
     def __reduce__(self) -> tuple:
         given = self._defaults, self._z0, self._longest
-        return Prepared, (self._system.rhs, self._system.form, self.options, *given)
+        return Prepared, (self.system.rhs, self.system.form, self.options, *given)
 
 
 @with_solution
