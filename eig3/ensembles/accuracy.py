@@ -57,16 +57,7 @@ def reach_members(
 
     In the best run, a member that does not reach it has the status ACCURACY_NOT_REACHED. After `cancel`, or if the
     first run takes more than `max_seconds`, the last run is returned, and members whose accuracy is not known have the
-    status INTERRUPTED.
-
-    Parameters
-    ----------
-    goal : Goal
-    rhs : jitted function
-    options : RunOptions
-        With tolerances.
-    run : callable
-        ``run(options, cancel)`` runs the ensemble with the check of errors.
+    status INTERRUPTED. ``run(options, cancel)`` runs the ensemble, with tolerances, and with the check of errors.
     """
     check_accuracy_names(goal, options)
     for name in () if options.save_every is None else (*options.functions.outputs, *options.first_order.names):

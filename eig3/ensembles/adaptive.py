@@ -31,15 +31,9 @@ _NO_ROWS = Rows(np.empty(0), np.empty(0), np.empty((0, 0)), np.empty((0, 0)))
 
 
 class AdaptiveBlock(Alone):
-    """Some members that run one after another in the lanes of a block.
+    """Some members, with consecutive numbers, that run one after another in the lanes of a block.
 
     Members that the lanes cannot complete run again as single runs.
-
-    Parameters
-    ----------
-    shared : Setup
-    numbers : ndarray of int
-        The consecutive numbers of the members.
     """
 
     def __init__(self, shared: Setup, numbers: np.ndarray) -> None:

@@ -33,13 +33,6 @@ class AdaptiveObserver:
     The states at times of t_eval are written to the histories. Occurrences, and the states of save_every, are written
     to rows that all lanes share: each row knows its member.
 
-    Parameters
-    ----------
-    shared : Setup
-    numbers : ndarray of int
-        The consecutive numbers of the members.
-    rtol : float
-
     Attributes
     ----------
     record : LaneObservation

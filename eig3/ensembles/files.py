@@ -37,14 +37,8 @@ def save(solution: Any, path: str | PathLike[str]) -> Path:
 class Directory:
     """A directory to which the parts of an ensemble are written as they finish.
 
-    Each file appears in it as a whole, when all of it is on the disk: a process may be killed at any time.
-
-    Parameters
-    ----------
-    path : str or path
-        A new or empty directory, or a directory with parts of the same ensemble.
-    recipe : mapping
-        What determines the result, as `recipe_of` returns it.
+    Each file appears in it as a whole, when all of it is on the disk: a process may be killed at any time. It is a new
+    or empty directory, or has parts of the same ensemble: the `recipe`, from `recipe_of`, determines the result.
 
     Raises
     ------

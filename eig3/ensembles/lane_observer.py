@@ -45,14 +45,7 @@ _NO_WATCH = Watch(np.empty((0, 7), dtype=np.int64), _NONE, np.empty(0), np.empty
 
 
 class Values:
-    """Functions of the state that are evaluated in all lanes, and their extremes.
-
-    Parameters
-    ----------
-    functions : sequence of (Lanes, int)
-        The functions, and their numbers of values.
-    lanes : int
-    """
+    """Functions of the state, with their numbers of values, that are evaluated in all lanes, and their extremes."""
 
     def __init__(self, functions: Sequence[tuple[Lanes, int]], lanes: int) -> None:
         self._functions = functions
@@ -88,14 +81,7 @@ class Values:
 class LaneObserver:
     """The quantities and the events of the members in the lanes of a block.
 
-    Parameters
-    ----------
-    shared : Setup
-    everyone : Members
-    members : ndarray of int, shape (lanes,)
-        The member of each lane.
-    unit : ndarray, shape (lanes,)
-        The factor of v in the kernel.
+    `members` are the members of each lane, and `unit` the factors of v in the kernel.
 
     Attributes
     ----------

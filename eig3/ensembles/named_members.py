@@ -38,15 +38,10 @@ class OfMembers(NamedTuple):
 
 
 def of_members(changes: Any, base: Parameters) -> OfMembers:
-    """Return the parameters of members.
+    """Return the parameters of members, with changes of `base`, which has the unchanged values and the kinds.
 
-    Parameters
-    ----------
-    changes : mapping, or sequence of Parameters, or table
-        New values, for all members or with a first axis of members; or the parameters of each member. A table, as for
-        `table_of`, has a value for each member.
-    base : Parameters
-        The unchanged values, and the kinds.
+    The changes are a mapping of new values, for all members or with a first axis of members; or the parameters of each
+    member; or a table with a value for each member, as for `table_of`.
 
     Raises
     ------

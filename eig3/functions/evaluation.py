@@ -13,20 +13,9 @@ _CHUNK_VALUES = 2**18  # values in the states of one call, after which Python ca
 
 
 def accelerations(rhs: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Evaluate f(t_i, u_i, v_i) at each row of u and v.
+    """Evaluate f(t_i, u_i, v_i) at each row of u and v; an entry that rhs does not write is NaN.
 
-    Parameters
-    ----------
-    rhs : Callback
-    params : ndarray
-        The call copies them, because a scene stores neighbour lists in them.
-    t : ndarray, shape (m,)
-    u, v : ndarray, shape (m,) or (m, n)
-
-    Returns
-    -------
-    ndarray
-        Of the shape of u. An entry that rhs does not write is NaN.
+    The call copies the params, because a scene stores neighbour lists in them.
     """
     a = np.full(u.shape, np.nan)
     _evaluate(rhs, "rhs", params, t, u, v, a)

@@ -107,14 +107,8 @@ class FirstOrder(NamedTuple):
         """Return a function of the states of a kernel that calls a function of u, v and z, or of u and v alone.
 
         It is the same object at each call. Functions in the form of the kernels, and objects that are not jitted
-        functions, are returned unchanged.
-
-        Parameters
-        ----------
-        function
-            A jitted function, an `Event`, or an output with its number of values.
-        n_after : int
-            The number of arguments after p.
+        functions, are returned unchanged, but an `Event` and an output with its number of values are bound. `n_after`
+        is the number of arguments after p.
         """
         if not self.is_read:
             return function

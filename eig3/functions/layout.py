@@ -77,13 +77,7 @@ _KINDS = [SPARSE, BLOCKS, *(Kind(is_whole, ndim) for is_whole in (False, True) f
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """The names and kinds of parameters.
-
-    Attributes
-    ----------
-    names : tuple of str
-    kinds : tuple of Kind
-    """
+    """The names and kinds of parameters."""
 
     names: tuple[str, ...]
     kinds: tuple[Kind, ...]
@@ -192,13 +186,8 @@ class Layout:
     def bind_in_lanes(self, function: Any, values: Mapping[str, Any], own: Sequence[str]) -> Callable:
         """Return a Python function of the pair of arrays p that calls `function` with the named parameters.
 
-        Parameters
-        ----------
-        function : jitted function
-        values : mapping
-            The parameters of a member. All members have the same sizes.
-        own : sequence of str
-            The parameters with a value for each member, which are the second array. The first array has all.
+        `values` are the parameters of a member: all members have the same sizes. The second array has the parameters
+        `own`, with a value for each member. The first array has all.
         """
         key = self, tuple(own), tuple(np.shape(values[name]) for name in own)
         known = vars(function).setdefault("_eig3_in_lanes", {})

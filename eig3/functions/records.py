@@ -116,19 +116,10 @@ def check_together(rhs: Any, params: np.ndarray, own: Sequence[str], n: int) -> 
 def shortest_loads(
     rhs: Any, params: np.ndarray, own: Sequence[str] = (), t_span: tuple[float, float] = EVER
 ) -> np.ndarray:
-    """Return the durations of the shortest loads that act in a span; infinite without records.
+    """Return the durations, shape (m,) or (1,), of the shortest loads that act in a span; infinite without records.
 
-    Parameters
-    ----------
-    rhs : jitted function
-    params : ndarray, shape (k,) or (m, k)
-        As kernels get them.
-    own : sequence of str
-        The parameters with a value for each of the m members; empty if they are not known.
-
-    Returns
-    -------
-    ndarray, shape (m,) or (1,)
+    `params` are as kernels get them, of shape (k,) or (m, k). The parameters `own` have a value for each of the m
+    members; it is empty if they are not known.
     """
     records, layout = records_of(rhs), bound_layout(rhs)
     if records is None or (records.names and layout is None):

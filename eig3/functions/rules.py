@@ -19,14 +19,8 @@ _AT_ONCE = 1e-9  # of the span: the motion is then far beyond the round-off of a
 class Rules:
     """The rules of the events and the constraints of a run; false if there are none.
 
-    Parameters
-    ----------
-    events : dict of str to Event
-        An effect has events in the vector form only.
-    table : ndarray
-        The table of the events for a kernel; see `eig3.kernels.protocol.Watch`.
-    project : Callback or None
-        The projection of u and v onto the constraints, if there are any.
+    `table` is the table of the events for a kernel: see `eig3.kernels.protocol.Watch`. An effect has events in the
+    vector form only. `project` is the projection of u and v onto the constraints, if there are any.
     """
 
     def __init__(self, events: Mapping[str, Event], table: np.ndarray, project: Callback | None) -> None:
@@ -46,15 +40,8 @@ class Rules:
     ) -> tuple[Any, Any]:
         """Return u and v, which keep constraints, with the turns of links that move back at the start.
 
-        Parameters
-        ----------
-        n : int
-            The number of velocities without first-order unknowns.
-        span : (float, float)
-        u, v, params : ndarray
-            With a first axis of members for an ensemble, or params without it if all members share them.
-        first : int, optional
-            The number of the first member, for an ensemble.
+        There are n velocities without first-order unknowns. In an ensemble, whose first member has the number `first`,
+        u and v have a first axis of members, and so have params that members do not share.
 
         Raises
         ------

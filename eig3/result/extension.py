@@ -14,25 +14,11 @@ from ..kernels.protocol import SCALAR, VECTOR
 def states_between(
     rhs: Callback, params: np.ndarray, pair: str, t: np.ndarray, u: np.ndarray, v: np.ndarray, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return u and v at some times, from a history with the states after all steps.
+    """Return u and v, shape (k,) or (k, n), at k times, from a history with the states after all m steps.
 
-    Parameters
-    ----------
-    rhs : Callback
-    params : ndarray
-        The call copies them, because a scene stores neighbour lists in them.
-    pair : str
-        The file of methods with the formulas of the steps.
-    t : ndarray, shape (m,)
-        Two equal times belong to the states before and after a jump.
-    u, v : ndarray, shape (m,) or (m, n)
-    times : ndarray, shape (k,)
-        Within the span of t.
-
-    Returns
-    -------
-    u, v : ndarray, shape (k,) or (k, n)
-        At the time of a state of the history, this state; at the time of a jump, the state after it.
+    `pair` is the file of methods with the formulas of the steps. Two equal times of t, shape (m,), belong to the states
+    before and after a jump. At the time of a state of the history, u and v are this state; at the time of a jump, the
+    state after it. The call copies the params, because a scene stores neighbour lists in them.
     """
     left = np.searchsorted(t, times, side="right") - 1
     found = u[left], v[left]

@@ -34,15 +34,8 @@ class Resolution:
     Without f, the error is a twelfth of the difference between P and the cubic polynomial through u and v. Without any
     acceleration there is no estimate, and the error is 0.
 
-    Parameters
-    ----------
-    knots : Knots
-    count : int
-        The number of knots of a polynomial.
-    evaluate : callable or None
-        ``evaluate(t, u, v)`` returns f at rows of states.
-    steps : callable
-        ``steps(t)`` returns the length of the step that led to each of the times.
+    A polynomial has `count` knots. ``evaluate(t, u, v)`` returns f at rows of states, and ``steps(t)`` the length of
+    the step that led to each of the times.
     """
 
     def __init__(

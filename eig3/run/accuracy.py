@@ -192,18 +192,8 @@ def reach(
 
     After `cancel`, or if the first run takes more than `max_seconds`, the last run has the status INTERRUPTED.
 
-    Parameters
-    ----------
-    goal : Goal
-    rhs : jitted function
-    prepare : callable
-        ``prepare(**options)`` returns the prepared run with some options.
-    options, of_call : dict
-        The options of `integrate` that a prepared run has, and the options of a call.
-    start : tuple
-        The arguments of a call of the prepared run.
-    longest : float
-        The longest fixed step: a longer one jumps over a load, and the estimated error would not have it.
+    ``prepare(**options)`` returns a prepared run, which is called with `start` and the options `of_call`. No fixed step
+    is longer than `longest`: a longer one jumps over a load, and the estimated error would not have it.
 
     Raises
     ------

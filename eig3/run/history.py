@@ -28,18 +28,9 @@ class History:
     needs the memory of only one more block, because it frees each block after copying it. In files, there is one
     growing block.
 
-    Parameters
-    ----------
-    state : tuple of int
-        The shape of u and v in a row.
-    outputs : dict of str to tuple of int
-        The shapes of the values of outputs in a row, by name.
-    rows : int
-        The number of rows to reserve.
-    directory : Path, optional
-        Save the rows in files of this directory.
-    has_times, has_steps : bool
-        Whether there are rows for times, and for the lengths of steps.
+    `state` is the shape of u and v in a row, and `outputs` are the shapes of the values of outputs, by name. There is
+    space for `rows` rows at first, in memory or in files of a directory. `has_times` and `has_steps` say whether there
+    are rows for times, and for the lengths of steps.
 
     Attributes
     ----------

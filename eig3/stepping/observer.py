@@ -76,23 +76,10 @@ def further_times(times: np.ndarray | None, t_eval: ArrayLike | None, end: float
 
 
 class Observer:
-    """The observer of one run.
+    """The observer of one run, of n degrees of freedom.
 
-    Parameters
-    ----------
-    system : System
-    times : ndarray or None
-        The times of t_eval.
-    n : int
-        The number of degrees of freedom.
-    work_rows : int
-        The number of rows of scratch that the kernel needs for events and times of t_eval.
-
-    Attributes
-    ----------
-    watch : Watch
-    numbers : ndarray
-        All values of the invariants and outputs that change during the run. The other arrays are views of it.
+    The kernel needs `work_rows` rows of scratch for events and for `times`, the times of t_eval. All values of the
+    invariants and outputs that change during the run are in `numbers`; the other arrays are views of it.
     """
 
     def __init__(self, system: System, times: np.ndarray | None, n: int, work_rows: int) -> None:

@@ -13,17 +13,9 @@ from ..kernels.protocol import Within
 def within_steps(before: np.ndarray, n: int, formulas: Any, floors: np.ndarray) -> Within:
     """Return the sample points within a step, and scratch for the values, for `eig3.kernels.loops.extremes_within`.
 
-    Parameters
-    ----------
-    before : ndarray, shape (columns,)
-        The values of all quantities at the start of the next step.
-    n : int
-        The number of degrees of freedom.
-    formulas : Pair
-        The formulas of the method. The polynomial through the values has the degree of the order, or the next even
-        degree: a smooth quantity then differs from it by a term of the order of the error of the step.
-    floors : ndarray, shape (k,)
-        For each quantity: smaller relative changes within a step are ignored.
+    `before` has the values of all quantities at the start of the next step. The polynomial through the values has the
+    degree of the order of the method, or the next even degree: a smooth quantity then differs from it by a term of the
+    order of the error of the step. Relative changes within a step below the `floors` of a quantity are ignored.
     """
     degree = formulas.order + formulas.order % 2
     shapes = (degree + 2, len(before)), (degree + 2,), (degree + 1,), (2, n), (2 * formulas.terms, n)

@@ -33,17 +33,8 @@ def _number_of_waits() -> float:
 class Slices:
     """The number of steps of a slice, from the time of the last slice.
 
-    Parameters
-    ----------
-    pace : float or None
-        Seconds per step of an earlier run; None if there was none.
-    turn : int
-        Slices of a multiple of this number of steps take less time than others.
-
-    Attributes
-    ----------
-    steps : int
-        Number of steps of the next slice.
+    `pace` is the number of seconds for each step in an earlier run, if there was one. Slices of a multiple of `turn`
+    steps take less time than others.
     """
 
     def __init__(self, pace: float | None, turn: int = 1) -> None:
