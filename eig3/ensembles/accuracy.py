@@ -24,7 +24,6 @@ from ..run.accuracy import (
     check_accuracy_names,
     first_rtol,
     learned,
-    values_of,
     why,
 )
 from ..stepping.march import Cancel
@@ -74,7 +73,8 @@ def reach_members(
         if solution.error.is_interrupted and best and deadline.has_passed:
             reason = deadline.reason(0.0)
             break
-        misses = _misses(goal, solution)
+        largest = np.max([*goal.misses(solution).values()], axis=0)
+        misses = np.where(solution.success, largest, np.nan)  # of members that did not fail
         if solution.error.is_interrupted:
             for i in np.flatnonzero(misses > 1).tolist():
                 solution.status[i], solution.message[i] = Status.INTERRUPTED, _INTERRUPTED
@@ -106,31 +106,3 @@ def reach_members(
             f"The accuracy is not reached, because {reason or why(error)}: the estimated error is {amount}."
         )
     return solution
-
-
-def _misses(goal: Goal, solution: EnsembleSolution) -> np.ndarray:
-    """Return the largest error of each member as a multiple of the wanted error.
-
-    It is infinite if it is not known, and NaN for members that failed.
-    """
-    found, unknown = np.zeros(len(solution)), np.full(len(solution), np.nan)
-    for name, wanted in goal.wanted.items():
-        if name == "drift":
-            for each, drift in solution.drift.items():
-                ends = np.stack([solution.extremes[each].low, solution.extremes[each].high], axis=1)
-                found = np.maximum(found, drift / _sizes(goal, ends) / wanted)
-            continue
-        if name in solution.events:
-            size = np.nanmax(solution.t, axis=1) - solution.t[:, 0] if goal.scale is None else goal.scale
-        else:
-            size = _sizes(goal, values_of(solution, name))
-        found = np.maximum(found, solution.error.largest.get(name, unknown) / size / wanted)
-    return np.where(solution.success, np.where(np.isnan(found), np.inf, found), np.nan)
-
-
-def _sizes(goal: Goal, values: np.ndarray) -> Any:
-    """Return the size to which the errors of each member are relative."""
-    if goal.scale is not None:
-        return goal.scale
-    largest = np.fmax.reduce(np.abs(values).reshape(len(values), -1), axis=1)
-    return np.where(largest > 0, largest, 1.0)

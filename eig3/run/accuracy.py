@@ -72,30 +72,38 @@ class Goal(NamedTuple):
     scale: float | None
     max_seconds: float
 
-    def misses(self, solution: Solution) -> dict[str, float]:
-        """Return each error as a multiple of the wanted error; infinity if it is not known."""
-        assert solution.error
-        largest, found = solution.error.largest, {}
+    def miss(self, solution: Solution) -> float:
+        """Return the largest error of a run as a multiple of the wanted error; infinity if an error is not known."""
+        return float(max(self.misses(solution).values()))
+
+    def misses(self, solution: Any) -> dict[str, Any]:
+        """Return each error, of a run or of each member, as a multiple of the wanted error; infinity if not known."""
+        errors, zero = solution.error.largest, np.zeros(solution.t.shape[:-1])
+        found: dict[str, Any] = {}
         for name, wanted in self.wanted.items():
+            error = errors.get(name, np.nan + zero)
             if name == "drift":
-                sizes = [
-                    drift / self._size(np.array([solution.extremes[each].low, solution.extremes[each].high]))
-                    for each, drift in solution.drift.items()
-                ]
-                error = float(np.max(sizes, initial=0.0))
+                each = [zero]
+                for invariant, drift in solution.drift.items():
+                    extremes = solution.extremes[invariant]
+                    each.append(drift / self._size(solution, np.stack([extremes.low, extremes.high], axis=-1)))
+                error = np.max(each, axis=0)
             elif name in solution.events:
-                error = largest[name] / (self.scale or solution.t[-1] - solution.t[0])
+                span = np.nanmax(solution.t, axis=-1) - solution.t[..., 0]
+                error = error / (self.scale or span)
             else:
-                error = largest[name] / self._size(values_of(solution, name))
-            found[name] = math.inf if math.isnan(error) else error / wanted
+                error = error / self._size(solution, _values_of(solution, name))
+            found[name] = np.where(np.isnan(error), np.inf, error / wanted)[()]
         return found
 
-    def _size(self, values: np.ndarray) -> float:
-        largest = float(np.fmax.reduce(np.abs(values), axis=None, initial=0.0))
-        return self.scale or largest or 1.0
+    def _size(self, solution: Any, values: np.ndarray) -> Any:
+        """Return the size to which errors are relative, of a run or of each member, whose values these are."""
+        axes = tuple(range(solution.t.ndim - 1, values.ndim))
+        largest = np.fmax.reduce(np.abs(values), axis=axes, initial=0.0)
+        return self.scale or np.where(largest > 0, largest, 1.0)
 
 
-def values_of(solution: Any, name: str) -> np.ndarray:
+def _values_of(solution: Any, name: str) -> np.ndarray:
     """Return the saved values of a quantity, with zeros in u for what only events change."""
     if name == "u":
         return np.where(np.expand_dims(written(solution), solution.t.ndim - 1), 0.0, solution.u)
@@ -254,7 +262,7 @@ def _error(goal: Goal, solution: Solution, cancel: Any, coarser: float | None) -
             error = solution.error = solution._extend().error(solution, cancel, coarser)
         if error is None or solution.steps is not None:
             return error
-        if max(goal.misses(solution).values()) <= 1 and not error.notes:
+        if goal.miss(solution) <= 1 and not error.notes:
             return error
     return solution.check(cancel=cancel)
 
@@ -265,7 +273,7 @@ def _to_remember(goal: Goal, solution: Solution, value: float) -> Known:
     assert error
     if solution.steps is None:
         return Known(value, None if error.notes else error.coarser)
-    if 0 < (miss := max(goal.misses(solution).values())) < _FAR_BELOW:
+    if 0 < (miss := goal.miss(solution)) < _FAR_BELOW:
         value = min(_LARGEST_RTOL, min(_LARGER, AIM / miss) * value)
     return Known(value, RATIO)
 
@@ -316,7 +324,7 @@ class _Search:
             self.reason = self._deadline.reason(0.0) or f"the next run had the status {solution.status.value}"
             is_unstable = self.knob == "h" and solution.status is Status.DIVERGED
             return value * _SHORTEN if is_unstable and self._may_run(seconds / _SHORTEN) else None
-        miss = max(self.goal.misses(solution).values())
+        miss = self.goal.miss(solution)
         is_lost = self.knob == "h" and solution.reliable_until is not None
         self.reached = miss <= 1
         if is_lost and not self._is_of_drift:
