@@ -62,9 +62,11 @@ MUTANTS = {
         ("            firsts[title] += effect.state_size * size\n", ""),
     ],
     # Kernels
-    ("kernels/loops/march.py", "test_starter.py tests/test_look.py"): [
+    ("kernels/loops/march.py", "test_kernels.py -k ab3_starts_with_kutta"): [
         ("START_STEPS > 0 and i < started:", "START_STEPS > 0 and i <= started:"),
         ("(START_COST - COST) * ((i if i < started else started) - first)", "(START_COST - COST) * (i - first)"),
+    ],
+    ("kernels/loops/march.py", "test_divergence.py -k slow_growth_is_noted"): [
         ("counters[PART_END] < last:", "counters[PART_END] < 0:"),
     ],
     ("kernels/neighbours.py", "test_neighbours.py -k half_of_its_skin"): [
