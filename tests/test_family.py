@@ -9,7 +9,7 @@ import pytest
 import eig3
 from eig3.kernels.methods import eig
 
-from .conftest import gyroscope, hardening
+from .conftest import gyroscope
 
 GRADES = range(3, 14)
 
@@ -78,7 +78,7 @@ def damped_vector(t, u, v, p, a):
 
 
 #: Methods with a number of steps at which the error is far above round-off, and the order is seen.
-STEPS = {eig3.EIG(3): 128, eig3.EIG(5): 160, eig3.EIG(9): 256, eig3.RK5(): 64, eig3.RK8(): 16}
+STEPS = {eig3.EIG(5): 160, eig3.EIG(9): 256, eig3.RK5(): 64, eig3.RK8(): 16}
 every = pytest.mark.parametrize("method", STEPS, ids=lambda method: method.name)
 
 
@@ -131,15 +131,6 @@ def test_a_step_takes_one_evaluation_and_a_starting_step_twelve_more():
         stepper = eig3.Stepper(damped, 1.0, 0.3, h=0.01, method=eig3.EIG(grade))
         stepper.advance(100)
         assert stepper.n_rhs == 1 + 100 + 12 * (grade - 2)
-
-
-def test_grade_3_has_the_positions_of_eig3():
-    """After the start: EIG-3 takes a Taylor step first, and this one a step of RK8."""
-    runs = [
-        eig3.integrate(hardening, (0, 20), 1.0, 0.0, h=0.01, params=(1.0,), method=m) for m in ("eig3", eig3.EIG(3))
-    ]
-    first = abs(runs[0].u[1] - runs[1].u[1])
-    assert np.abs(runs[0].u - runs[1].u).max() < 1e4 * first  # it grows with the number of periods
 
 
 # BM6 ------------------------------------------------------------------------------------------------------------------
