@@ -32,7 +32,7 @@ def instability(stepper: Stepper, n_steps: int) -> str:
     if stepper.n > _MOST_DEGREES:
         return ""
     try:
-        limit = critical(stepper.acceleration, stepper.t0, *stepper.start, stepper.running).limit
+        limit = critical(stepper.evaluator(), stepper.t0, *stepper.start, stepper.running).limit
     except NoStableStepError as error:  # which is often so weak that only a long run shows it
         is_shown = stepper.system.first_order.is_read or n_steps >= VERY_MANY_STEPS
         return str(error) if is_shown else ""

@@ -305,7 +305,7 @@ class VariableRun(Run):
         may_vibrate = stepper.index >= VERY_MANY_STEPS and stepper.n > 1
         if stepper.system.history or not (may_be_stiff or may_vibrate):
             return ""
-        given = stepper.running, stepper.acceleration, [*self._states_of_steps()]
+        given = stepper.running, stepper.evaluator(), [*self._states_of_steps()]
         return (may_be_stiff and stiffness(*given, "rtol")) or (may_vibrate and vibration(*given)) or ""
 
     def _states_of_steps(self) -> Iterator[tuple[float, Any, Any, float]]:
