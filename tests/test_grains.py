@@ -506,6 +506,21 @@ def test_no_step_jumps_over_an_impact(far):
         np.testing.assert_allclose(balls.velocities(run.v)[-1], [(-0.5, 0), (0.5, 0)], atol=1e-12)
 
 
+def test_the_limit_of_a_very_short_contact_distance_is_noted():
+    """Two points pass each other at a distance of 1 m: with steps of 1e-4/8 m the run takes at least 32,000 steps."""
+    scene = Scene(dimension=2)
+    balls = scene.mass([1.0, 1.0], [(0, 0), (0.2, 1)], [(1.0, 0), (0, 0)])
+    scene.add(effects.MassImpact(contact_distance=1e-4, restitution=0.5), *balls)
+    problem = scene.problem((0, 0.4))
+    run, longer = (problem.integrate(rtol=1e-6, save_every=None, h_max=h_max) for h_max in (None, 0.1))
+    (note,) = run.notes
+    assert "contact distance or cutoff limits the steps, and not rtol" in note
+    assert run.n_steps >= 32_000
+    assert longer.notes == ()
+    assert longer.n_steps < 100
+    np.testing.assert_allclose(longer.u[-1], run.u[-1], rtol=1e-12)
+
+
 @pytest.mark.parametrize("effect", [effects.MassImpact(contact_distance=0.1), effects.HertzContact(1e4, 0.1)])
 def test_a_fixed_step_that_may_jump_over_a_contact_has_a_note(effect):
     """Two balls had passed through each other without a word."""

@@ -294,6 +294,11 @@ class VariableRun(Run):
                 f"The acceleration was zero up to t = {end:.4g}, and rhs reads t: the steps were held short, but a "
                 f"load that acts for less than {step:.2g} there may have been jumped over; h_max sets the longest step."
             )
+        if stepper.index >= VERY_MANY_STEPS and (held := stepper.held):
+            notes.append(
+                "A short contact distance or cutoff limits the steps, and not rtol: no point moves further than an "
+                f"eighth of it, {held:.2g}, in a step, so that none passes through another. h_max replaces this limit."
+            )
         notes += [_NO_BOUND] * bool(stepper.system.history)
         stiff = self._stiffness()
         return [*notes, stiff] if stiff else notes
