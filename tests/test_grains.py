@@ -533,6 +533,17 @@ def test_a_fixed_step_that_may_jump_over_a_contact_has_a_note(effect):
     assert not [each for each in problem.integrate(h=0.01).notes if "a point moves" in each]
 
 
+def test_an_accuracy_is_not_reached_by_steps_that_jump_over_an_impact():
+    """Without the impact, 250 to 1500 steps show no error. In the impact, the balls exchange their velocities."""
+    scene = Scene(dimension=2)
+    balls = scene.mass([1.0, 1.0], [(0, 0), (1.0017, 0)], [(1.0, 0), (0, 0)])
+    scene.add(effects.MassImpact(contact_distance=1e-4, restitution=1.0), *balls)
+    run = scene.problem((0, 2)).integrate(accuracy=1e-4, method="eig3", save_every=None)
+    np.testing.assert_allclose(run.u[-1], [1.0016, 2.0001, 0, 0], atol=1e-4)
+    assert run.success
+    assert run.h <= 0.5e-4  # half of the contact distance in a step
+
+
 def test_no_step_jumps_over_a_contact():
     """Nothing bends the paths of two spheres before they meet: the error would allow a step beyond the contact. In an
     elastic impact of equal masses, the first stops and the second goes on. An error of 1e-9 m is 3e-5 of the largest

@@ -328,15 +328,16 @@ class _Search:
             return value * _SHORTEN if is_unstable and self._may_run(seconds / _SHORTEN) else None
         miss = max(self.goal.misses(solution).values())
         is_lost = self.knob == "h" and solution.reliable_until is not None
-        self.reached = miss <= 1
+        if miss <= 1:
+            self.reached = not (solution._extend and solution._extend().may_jump)
+            self.runs.append((miss if self.reached else math.inf, solution))
+            return None if self.reached or not self._may_run(seconds / _SHORTEN) else value * _SHORTEN
         if is_lost and not self._is_of_drift:
             self._stalled = self._stalls_in_chaos(solution, value)
         else:
             self._stalled += any(miss > LEAST_GAIN * each for each, _ in self.runs)
         self.runs.append((miss, solution))
         least = LEAST if self.knob == "rtol" else 0.0
-        if self.reached:
-            return None
         if self._stalled >= MOST_STALLED or value <= least:
             self.reason = ""
             return None

@@ -178,6 +178,11 @@ class Run:
     def judge_growth(self) -> None:
         """Change the status if the motion grew because of the step."""
 
+    @property
+    def may_jump(self) -> bool:
+        """Whether a point may have passed through another in a step, which no other run shows either."""
+        return False
+
     def _total(self) -> tuple[int, str]:
         """Return the length of the progress bar and its unit."""
         raise NotImplementedError

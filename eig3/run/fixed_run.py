@@ -304,8 +304,18 @@ class FixedRun(Run):
         links, look = links_of(stepper.system.events), stepper.look
         if links and look:
             yield coarse_events(h, look.occurrences(), links)
-        if cutoffs := stepper.system.cutoffs:
-            yield long_ways(h, cutoffs.speeds(stepper.start[1], stepper.v), cutoffs.least(stepper.p))
+        yield self._long_ways()
+
+    def _long_ways(self) -> str:
+        stepper, cutoffs = self.stepper, self.stepper.system.cutoffs
+        if not cutoffs:
+            return ""
+        speeds = cutoffs.speeds(stepper.start[1], stepper.v)
+        return long_ways(np.array([stepper.h]), speeds, cutoffs.least(stepper.p))
+
+    @property
+    def may_jump(self) -> bool:
+        return bool(self._long_ways())
 
     def _instability(self) -> str:
         """Describe a step that is unstable at the start of a system with first-order unknowns, or of one that grew.
