@@ -28,6 +28,7 @@ from eig3.effects import (
     PlaneContact,
     SupportMotion,
 )
+from eig3.functions.guard import guarded
 from eig3.kernels.methods import eig
 from eig3.planning.pilots import Pilots, Run
 from eig3.planning.step_search import Search
@@ -623,6 +624,14 @@ def test_state_is_not_changed():
     u0, v0, params = np.ones(3), np.zeros(3), np.array([4.0, 5.0, 0.1])
     critical_step(spinning, u0, v0, params, method="rk4")
     assert (u0.tolist(), v0.tolist(), params.tolist()) == ([1, 1, 1], [0, 0, 0], [4, 5, 0.1])
+
+
+def test_all_evaluations_share_a_copy_of_the_parameters(monkeypatch):
+    """Copies took two thirds of the search in a scene of 5000 grains, whose parameters have the neighbour lists."""
+    copies = []
+    monkeypatch.setattr("eig3.stepping.march.guarded", lambda values: copies.append(1) or guarded(values))
+    assert critical_step(spinning, np.ones(3), np.zeros(3), [4.0, 5.0, 0.1], method="rk4").evaluations > 10
+    assert len(copies) == 1
 
 
 # Problems, records and users' methods --------------------------------------------------------------------------------

@@ -156,7 +156,7 @@ def critical_step(
     if isinstance(safety, bool) or not (isinstance(safety, numbers.Real) and 0 < safety <= 1):
         raise ValueError(f"safety must be a number above 0 and up to 1, not {safety!r}.")
     start = Stepper(rhs, u0, v0, h=1.0, t0=t, params=params, method="rk4")  # checks the arguments
-    return critical(start.acceleration, t, start.u, start.v, method, float(safety))
+    return critical(start.evaluator(), t, start.u, start.v, method, float(safety))
 
 
 def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, safety: float = 1.0) -> CriticalStep:

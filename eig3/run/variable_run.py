@@ -294,6 +294,11 @@ class VariableRun(Run):
                 f"The acceleration was zero up to t = {end:.4g}, and rhs reads t: the steps were held short, but a "
                 f"load that acts for less than {step:.2g} there may have been jumped over; h_max sets the longest step."
             )
+        if stepper.index >= VERY_MANY_STEPS and (held := stepper.held):
+            notes.append(
+                "A short contact distance or cutoff limits the steps, and not rtol: no point moves further than an "
+                f"eighth of it, {held:.2g}, in a step, so that none passes through another. h_max replaces this limit."
+            )
         notes += [_NO_BOUND] * bool(stepper.system.history)
         stiff = self._stiffness()
         return [*notes, stiff] if stiff else notes
@@ -305,7 +310,7 @@ class VariableRun(Run):
         may_vibrate = stepper.index >= VERY_MANY_STEPS and stepper.n > 1
         if stepper.system.history or not (may_be_stiff or may_vibrate):
             return ""
-        given = stepper.running, stepper.acceleration, [*self._states_of_steps()]
+        given = stepper.running, stepper.evaluator(), [*self._states_of_steps()]
         return (may_be_stiff and stiffness(*given, "rtol")) or (may_vibrate and vibration(*given)) or ""
 
     def _states_of_steps(self) -> Iterator[tuple[float, Any, Any, float]]:
