@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..functions.callbacks import jit
-from ..functions.companions import Constraints, Cutoffs, History
+from ..functions.companions import Angles, Constraints, Cutoffs, History
 from ..functions.events import EffectEvent, Event
 from ..functions.families import Family
 from ..functions.records import Records
@@ -38,7 +38,7 @@ from ..stepping.team import Shares
 from .assembly import STATE, Assembly
 from .bodies_text import BodiesText
 from .constraint_text import ConstraintText
-from .effect import FORCES, RESETS, Effect
+from .effect import FORCES, JUMPING, RESETS, Effect
 from .frictional_contact import FrictionalContact
 from .grains_text import GrainsText
 from .group_text import MassesText
@@ -83,6 +83,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
     if writing.grains:
         writing.history()
     writing.events()
+    writing.angles()
     text, names = source.named()
     functions = _functions(text, tuple(names.items()))
     if source.team is not None:
@@ -92,6 +93,8 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
     is_of_points = assembly.dimension > 1 and not assembly.cloud.bodies.vectors  # on a line, none passes another
     if source.cutoffs and is_of_points:
         functions["rhs"].py_func.cutoffs = Cutoffs(assembly.n * assembly.dimension, tuple(source.cutoffs))
+    if writing.jumping:
+        functions["rhs"].py_func.angles = writing.angles_of(functions)
     functions["rhs"].py_func.left_out = np.array(source.left_out, dtype=int)
     if assembly.constraints:
         keeping = functions["projection"], functions["constrained_step"]
@@ -179,7 +182,10 @@ class _Functions(Text):
         self._suffix = self._bodies_text.suffix
         self._rhs_name = f"forces{self._suffix}" if assembly.constraints else "rhs"
         self._own_masses = assembly.own
+        vectors = [assembly.cloud.free[i] for i in assembly.cloud.bodies.vectors if assembly.cloud.is_own[i]]
+        self._turning = np.add.outer(assembly.own * np.arange(assembly.dimension), vectors).astype(int).ravel()
         self._occurring: list[Symbols] = []  # the laws with events, by the number in the names of their functions
+        self.jumping = [mesh for mesh in self._meshes if mesh.having(JUMPING)]
 
     # The functions
 
@@ -315,6 +321,18 @@ class _Functions(Text):
                 found[names[number]] = EffectEvent(g[s], effect.crossing, False, apply[s], *rule)
         return {name: found[name] for name in names}  # in the order in which the effects were added
 
+    def angles(self) -> None:
+        """Write the function of the angles of each law whose torque may jump at half a turn."""
+        for k, mesh in enumerate(self.jumping):
+            self._event(mesh, f"angle_{k}", JUMPING)
+
+    def angles_of(self, functions: dict[str, Any]) -> Angles:
+        """Return the functions of these angles by name, and the degrees of freedom that show how bodies turn."""
+        titles = [mesh.laws[0].effect.title for mesh in self.jumping for _ in range(mesh.size)]
+        names = [f"{title} {titles[:k].count(title)}" for k, title in enumerate(titles)]
+        members = [x for k, mesh in enumerate(self.jumping) for x in _members(functions[f"angle_{k}"], mesh.size)]
+        return Angles(self._turning, dict(zip(names, members, strict=True)))
+
     # The parts of these functions
 
     def _forces(self) -> None:
@@ -401,11 +419,11 @@ class _Functions(Text):
         others = [masses for masses in self._bodies if masses not in on_all]
         return on_all, [*others, *self._links, *self._meshes]
 
-    def _event(self, group: Any, name: str) -> None:
-        """Write the function whose zeros are the events of an effect on a group."""
+    def _event(self, group: Any, name: str, function: str = "event") -> None:
+        """Write the function whose zeros are the events of an effect on a group, or another function of its members."""
         with group.member(f"{name}{self._suffix}(member, t, u, v, p)") as (s, i, j):
-            offered = group.offered(s, i, j, "event")
-            self._line(f"return float({group.laws[0].call('event', s, offered)})")
+            offered = group.offered(s, i, j, function)
+            self._line(f"return float({group.laws[0].call(function, s, offered)})")
         if self._suffix:
             with self._function(f"{name}(member, t, u, v, p)"):
                 self._bodies_text.value(f"{name}_of_all(member, t, everywhere, speeds, p)")
