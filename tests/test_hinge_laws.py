@@ -107,15 +107,29 @@ def test_a_plastic_hinge_and_a_gap_between_two_bodies():
         np.testing.assert_allclose(members[k].events[name].t, single.events[name].t, rtol=0, atol=1e-10)
 
 
+@dataclass(frozen=True, eq=False)
+class SpringAboutAngle(Link):
+    stiffness: float
+    angle: float
+
+    @staticmethod
+    @eig3.jit
+    def tension(r, stiffness, angle):
+        return stiffness * (r - angle)
+
+
 def test_a_rest_angle_may_be_negative():
-    """The angle swings about the rest angle, cos(omega t) - 1 times its size, on either side."""
-    for law in (LinearSpring(0.2, -0.5), LinearSpring(0.2, 0.5)):
+    """The angle swings about the rest angle, cos(omega t) - 1 times its size, on either side.
+
+    A field of a link may have the name angle.
+    """
+    for law, rest in ((LinearSpring(0.2, -0.5), -0.5), (SpringAboutAngle(0.2, 0.5), 0.5)):
         scene = Scene(2)
         flat = scene.body(2.0, 0.3, [0.5, 0.0])
         flat.revolute(None, [0.0, 0.0])
         flat.torsional_spring(None, law)
         run = scene.problem((0, 3)).integrate(rtol=1e-10)
-        expected = law.rest_length * (1 - np.cos(np.sqrt(0.2 / INERTIA) * run.t))
+        expected = rest * (1 - np.cos(np.sqrt(0.2 / INERTIA) * run.t))
         np.testing.assert_allclose(flat.rotation(run.u), expected, rtol=0, atol=1e-8)
 
 

@@ -110,6 +110,7 @@ class SlideLaw(HingeLawInSpace):
 def _of_joint(inner: tuple[tuple[str, Any], ...], points: int, kinematics: tuple[Any, Any, Any], wraps: bool) -> Any:
     """Return functions of the points that call a law. The same law gives the same functions, so scenes share code."""
     known, out = dict(inner), Writer()
+    of_law = "angle" if "torque" in known else "r"  # of a motor, or of a link, which may have a field angle
     calls = {name: f"law_{name}({', '.join(arguments(function))})" for name, function in inner}
     acting = [name for name in ("torque", *_PULLS) if name in known]
     force = calls.get("torque") or f"-({' + '.join(calls[name] + _PULLS[name] for name in acting)})"
@@ -120,11 +121,11 @@ def _of_joint(inner: tuple[tuple[str, Any], ...], points: int, kinematics: tuple
     }
     of_forces = [x for name in acting for x in arguments(known[name])] + ["r"] * ("force_density" in known)
     given["forces"] = tuple(of_forces), f"forces_of(x, {force})"
-    if wraps and (variable := next((x for x in of_forces if x in ("r", "angle")), "")):
-        after, before = (re.sub(rf"\b{variable}\b", at, force) for at in ("-pi", "pi"))
-        given[JUMPING] = tuple(of_forces), f"angle_of_jump({variable}, {after}, {before})"
+    if wraps and of_law in of_forces:
+        after, before = (re.sub(rf"\b{of_law}\b", at, force) for at in ("-pi", "pi"))
+        given[JUMPING] = tuple(of_forces), f"angle_of_jump({of_law}, {after}, {before})"
     for name, (read, value) in given.items():
-        of_points = [x for x in ("r", "angle", "rate") if x in read]
+        of_points = [x for x in (of_law, "rate") if x in read]
         taken = ["x"] * bool(of_points or name == "forces") + ["v"] * ("rate" in read)
         taken += [x for x in dict.fromkeys(read) if x not in of_points]
         with out.block(f"def {name}({', '.join(taken)})"):
