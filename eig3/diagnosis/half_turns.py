@@ -12,7 +12,7 @@ from ..functions.companions import Angles
 from ..functions.evaluation import energies
 from ..kernels.protocol import VECTOR
 
-_TURNED = 0.5  # a body that has turned by a quarter has moved an entry of a unit vector by more than this
+_TURNED = 0.05  # a smaller change of all unit vectors, about 3 degrees, is a vibration: no angle is computed
 _ROWS = 2**14  # states that are looked at together
 
 
@@ -28,7 +28,7 @@ def half_turns(angles: Angles, params: np.ndarray, t: np.ndarray, u: np.ndarray,
         The saved states.
     """
     parts = [slice(first, first + _ROWS + 1) for first in range(0, len(u) - 1, _ROWS)]
-    parts = [rows for rows in parts if np.abs(u[rows][:, angles.degrees]).max() > _TURNED]
+    parts = [rows for rows in parts if np.abs((u[rows] - u[0])[:, angles.degrees]).max() > _TURNED]
     for name, function in angles.functions.items() if parts else ():
         callback = check_callback(function, "invariant", VECTOR, name)
         for rows in parts:

@@ -82,7 +82,7 @@ class Angles(NamedTuple):
     Attributes
     ----------
     degrees : ndarray of int
-        The degrees of freedom of unit vectors, which change by 1 or more in half a turn.
+        The degrees of freedom of unit vectors, which change if a body turns.
     functions : dict of str to jitted function
         Each angle as a function of (t, u, v, p), by the name of its law: 0 if the torque does not jump.
     """
