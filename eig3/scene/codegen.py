@@ -95,6 +95,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         functions["rhs"].py_func.cutoffs = Cutoffs(assembly.n * assembly.dimension, tuple(source.cutoffs))
     if writing.jumping:
         functions["rhs"].py_func.angles = writing.angles_of(functions)
+    functions["rhs"].py_func.reads_time = assembly.depends_on_time  # the code passes t on, and grains read differences
     functions["rhs"].py_func.left_out = np.array(source.left_out, dtype=int)
     if assembly.constraints:
         keeping = functions["projection"], functions["constrained_step"]
@@ -102,7 +103,6 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         functions["rhs"].py_func.constraints = Constraints(*keeping, place, writing.unrolled(functions))
     if writing.grains:
         places = tuple(text.springs for text in writing.grains)
-        functions["rhs"].py_func.reads_time = assembly.depends_on_time  # besides the time since the last step
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"], places)
     if assembly.rates:
         for name in functions.keys() & {"rhs", "energy", "reactions"}:
