@@ -9,7 +9,7 @@ import numpy as np
 
 from ..functions.callbacks import check_callback
 from ..functions.companions import Angles
-from ..functions.evaluation import energies
+from ..functions.evaluation import accelerations
 from ..kernels.protocol import VECTOR
 
 _TURNED = 0.05  # a smaller change of all unit vectors, about 3 degrees, is a vibration: no angle is computed
@@ -29,14 +29,18 @@ def half_turns(angles: Angles, params: np.ndarray, t: np.ndarray, u: np.ndarray,
     """
     parts = [slice(first, first + _ROWS + 1) for first in range(0, len(u) - 1, _ROWS)]
     parts = [rows for rows in parts if np.abs((u[rows] - u[0])[:, angles.degrees]).max() > _TURNED]
-    for name, function in angles.functions.items() if parts else ():
-        callback = check_callback(function, "invariant", VECTOR, name)
-        for rows in parts:
-            jumps = np.abs(np.diff(energies(callback, params, t[rows], u[rows], v[rows]))) > math.pi
-            if jumps.any():
+    if not parts:
+        return
+    callback, found = check_callback(angles.function, "rhs", VECTOR, "angles"), set()
+    for rows in parts:
+        values = accelerations(callback, params, t[rows], u[rows], v[rows], len(angles.names))
+        jumps = np.abs(np.diff(values, axis=0)) > math.pi
+        for k in np.flatnonzero(jumps.any(axis=0)).tolist():
+            if k not in found:
+                found.add(k)
                 yield (
-                    f"The angle of {name} passes half a turn after t = {t[rows][jumps.argmax()]:.4g}. It is from -pi "
-                    "to pi, so the torque jumps there. For a torque that depends on whole turns, take a Link whose "
-                    "state is the angle: its state_rate returns rate, and its tension reads state in place of r."
+                    f"The angle of {angles.names[k]} passes half a turn after t = {t[rows][jumps[:, k].argmax()]:.4g}. "
+                    "It is from -pi to pi, so the torque jumps there. For a torque that depends on whole turns, take a "
+                    "Link whose state is the angle: its state_rate returns rate, and its tension reads state in place "
+                    "of r."
                 )
-                break

@@ -83,12 +83,15 @@ class Angles(NamedTuple):
     ----------
     degrees : ndarray of int
         The degrees of freedom of unit vectors, which change if a body turns.
-    functions : dict of str to jitted function
-        Each angle as a function of (t, u, v, p), by the name of its law: 0 if the torque does not jump.
+    names : tuple of str
+        The name of the law of each angle.
+    function : jitted function
+        A function of (t, u, v, p, a) that writes each angle into a: 0 if the torque does not jump.
     """
 
     degrees: np.ndarray
-    functions: dict[str, Any]
+    names: tuple[str, ...]
+    function: Any
 
 
 def mark(rhs: Any, name: str) -> Any:

@@ -322,16 +322,20 @@ class _Functions(Text):
         return {name: found[name] for name in names}  # in the order in which the effects were added
 
     def angles(self) -> None:
-        """Write the function of the angles of each law whose torque may jump at half a turn."""
-        for k, mesh in enumerate(self.jumping):
-            self._event(mesh, f"angle_{k}", JUMPING)
+        """Write the function of the angles of the laws whose torque may jump at half a turn."""
+        if self.jumping:
+            with self._function(f"angles{self._suffix}(t, u, v, p, a)"):
+                for k, mesh in enumerate(self.jumping):
+                    mesh.angles(sum(other.size for other in self.jumping[:k]))
+            if self._suffix:
+                with self._function("angles(t, u, v, p, a)"):
+                    self._bodies_text.value("angles_of_all(t, everywhere, speeds, p, a)")
 
     def angles_of(self, functions: dict[str, Any]) -> Angles:
-        """Return the functions of these angles by name, and the degrees of freedom that show how bodies turn."""
+        """Return the names and the function of these angles, and the degrees of freedom that show how bodies turn."""
         titles = [mesh.laws[0].effect.title for mesh in self.jumping for _ in range(mesh.size)]
         names = [f"{title} {titles[:k].count(title)}" for k, title in enumerate(titles)]
-        members = [x for k, mesh in enumerate(self.jumping) for x in _members(functions[f"angle_{k}"], mesh.size)]
-        return Angles(self._turning, dict(zip(names, members, strict=True)))
+        return Angles(self._turning, tuple(names), functions["angles"])
 
     # The parts of these functions
 
@@ -419,11 +423,11 @@ class _Functions(Text):
         others = [masses for masses in self._bodies if masses not in on_all]
         return on_all, [*others, *self._links, *self._meshes]
 
-    def _event(self, group: Any, name: str, function: str = "event") -> None:
-        """Write the function whose zeros are the events of an effect on a group, or another function of its members."""
+    def _event(self, group: Any, name: str) -> None:
+        """Write the function whose zeros are the events of an effect on a group."""
         with group.member(f"{name}{self._suffix}(member, t, u, v, p)") as (s, i, j):
-            offered = group.offered(s, i, j, function)
-            self._line(f"return float({group.laws[0].call(function, s, offered)})")
+            offered = group.offered(s, i, j, "event")
+            self._line(f"return float({group.laws[0].call('event', s, offered)})")
         if self._suffix:
             with self._function(f"{name}(member, t, u, v, p)"):
                 self._bodies_text.value(f"{name}_of_all(member, t, everywhere, speeds, p)")
