@@ -41,7 +41,8 @@ def add_step_notes(solution: EnsembleSolution, single: Singles, members: Members
 
 def _half_turns(solution: EnsembleSolution, rhs: Any, members: Members) -> Iterator[str]:
     """Describe the angles of members that pass half a turn, if a torque jumps there."""
-    if not (angles := mark(rhs, "angles")):
+    angles = mark(rhs, "angles")
+    if not angles or solution.u.shape[1] < 3:  # the start and the end alone do not show it
         return
     params = np.atleast_2d(members.params)
     for i, count in enumerate(solution._n_rows().tolist()):
