@@ -397,6 +397,18 @@ def test_a_run_of_the_family_on_both_sides_of_the_limit_of_coupled_modes():
     assert not largest(method, K, C, 1.01 * found.limit, 60_000) < 1e6
 
 
+@pytest.mark.parametrize("method", ["eig3", "cd"])
+def test_the_mode_that_limits_the_step_is_a_mode_of_the_system(method):
+    """With damping and gyroscopic forces that couple the modes, omega and xi are of a rate of the system."""
+    K = np.array([[3.0, 1.0, 0.0], [1.0, 9.0, -2.0], [0.0, -2.0, 20.0]])
+    C = np.array([[0.2, 0.9, 0.1], [-0.7, 0.3, 1.1], [0.1, -0.9, 0.4]])
+    found = critical_step(structure, *np.zeros((2, 3)), np.concatenate([K.ravel(), C.ravel()]), method=method)
+    rates = np.linalg.eigvals(np.block([[np.zeros((3, 3)), np.eye(3)], [-K, -C]]))
+    nearest = rates[np.argmin(np.abs(np.abs(rates) - found.omega_max))]
+    assert found.omega_max == pytest.approx(abs(nearest), rel=1e-6)
+    assert found.xi == pytest.approx(-nearest.real / abs(nearest), rel=1e-5)
+
+
 def gyroscopic_radius(grade, k):
     """The largest root z of (1 - x)(1 - i k x K(1 - x)) = i k x S(1 - x), x = 1/z: EIG of v' = i k v with h = 1."""
     x = np.polynomial.Polynomial([0, 1])

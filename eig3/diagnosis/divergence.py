@@ -18,7 +18,7 @@ from ..result.labels import Labels
 from ..stepping.stepper import Stepper
 from .critical import CriticalStep, NoStableStepError, growth_by_step, of_linear
 from .linearisation import linearise
-from .singular_position import AT_SINGULAR, is_singular, ways_past
+from .singular_position import AT_SINGULAR, AT_WHOLE_TURN, is_at_whole_turn, is_singular, ways_past
 
 _OVERFLOWING = 1e100  # even a correct right-hand side may overflow for larger states
 _BLOWN_UP = 1e3  # a motion that grows by more than this factor counts as unstable
@@ -54,7 +54,9 @@ class Divergence:
 
     @property
     def message(self) -> str:
-        """Time and degree of freedom at which the state became non-finite, and whether the position is singular."""
+        """Time and degree of freedom at which the state became non-finite, and whether it is singular there."""
+        if is_at_whole_turn(self.last, self.last.h):
+            return f"{self._what}{AT_WHOLE_TURN}."
         looked_for = "a way past it" if self._is_singular else "the reason"
         return f"{self._what}{self._lost}; solution.explain() looks for {looked_for}."
 
@@ -82,6 +84,8 @@ class Divergence:
             The sentence of `message` with the reason.
         """
         last = self.last
+        if is_at_whole_turn(last, last.h):
+            return self.message
         if self._is_singular:
             return f"{self._what}{self._lost}: {ways_past(last, self.t_end)}."
         start = last.restarted(last.h)

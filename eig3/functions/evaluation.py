@@ -12,7 +12,9 @@ from .guard import guarded
 _CHUNK_VALUES = 2**18  # values in the states of one call, after which Python can handle Ctrl-C
 
 
-def accelerations(rhs: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def accelerations(
+    rhs: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray, count: int | None = None
+) -> np.ndarray:
     """Evaluate f(t_i, u_i, v_i) at each row of u and v.
 
     Parameters
@@ -22,13 +24,15 @@ def accelerations(rhs: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarra
         The call copies them, because a scene stores neighbour lists in them.
     t : ndarray, shape (m,)
     u, v : ndarray, shape (m,) or (m, n)
+    count : int, optional
+        The number of values that a function with the arguments of rhs writes, if it is not n.
 
     Returns
     -------
     ndarray
-        Of the shape of u. An entry that rhs does not write is NaN.
+        Of the shape of u, or (m, count). An entry that rhs does not write is NaN.
     """
-    a = np.full(u.shape, np.nan)
+    a = np.full(u.shape if count is None else (len(u), count), np.nan)
     _evaluate(rhs, "rhs", params, t, u, v, a)
     return a
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnosis.singular_position import AT_SINGULAR, is_singular
+from ..diagnosis.singular_position import AT_SINGULAR, AT_WHOLE_TURN, is_at_whole_turn, is_singular
 from ..diagnosis.stiffness import MANY_STEPS, STATES, VERY_MANY_STEPS, stiffness, vibration
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
@@ -217,6 +217,8 @@ class VariableRun(Run):
         why = (
             f"{AT_SINGULAR}: begin after it, or change the mechanism so that it does not come there."
             if is_singular(stepper, stepper.h)
+            else f"{AT_WHOLE_TURN}."
+            if is_at_whole_turn(stepper, stepper.h)
             else ": the motion may be singular there, rhs may jump or be NaN, or rtol and atol may be too small"
             f"{relative}."
         )

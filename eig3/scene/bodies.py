@@ -197,7 +197,8 @@ class RigidBody:
         torque : jitted function
             ``torque(t)`` or ``torque(t, angle, rate)``, N m. The angle is the rotation relative to the other body since
             the start, from -pi to pi, rad; the rate is in rad/s. It has no parameters: for gains that differ between
-            the members of an ensemble, give `torsional_spring` a `Link` with fields, whose tension is minus the torque.
+            the members of an ensemble, or for an angle of whole turns, give `torsional_spring` a `Link` with fields,
+            whose tension is minus the torque.
         axis : array_like, shape (3,), optional
             In space, the axis of the torque.
         """
@@ -216,7 +217,9 @@ class RigidBody:
         other : RigidBody or None
         law : Link
             The angle is 0 at the start, and from -pi to pi; ``rest_length`` is an angle too, and may be negative. A
-            body that turns past half a turn gets the torque of the angle less a whole turn: it jumps there.
+            body that turns past half a turn gets the torque of the angle less a whole turn: it jumps there, and a note
+            says so if the saved states show it. For a torque that depends on whole turns, take a `Link` whose state is
+            the angle: its ``state_rate`` returns rate, and its ``tension`` reads state in place of r.
         axis : array_like, shape (3,), optional
             In space, the axis of the joint; the angle is positive by the right-hand rule.
 

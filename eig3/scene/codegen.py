@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..functions.callbacks import jit
-from ..functions.companions import Constraints, Cutoffs, History
+from ..functions.companions import Angles, Constraints, Cutoffs, History
 from ..functions.events import EffectEvent, Event
 from ..functions.families import Family
 from ..functions.records import Records
@@ -38,7 +38,7 @@ from ..stepping.team import Shares
 from .assembly import STATE, Assembly
 from .bodies_text import BodiesText
 from .constraint_text import ConstraintText
-from .effect import FORCES, RESETS, Effect
+from .effect import FORCES, JUMPING, RESETS, Effect
 from .frictional_contact import FrictionalContact
 from .grains_text import GrainsText
 from .group_text import MassesText
@@ -83,6 +83,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
     if writing.grains:
         writing.history()
     writing.events()
+    writing.angles()
     text, names = source.named()
     functions = _functions(text, tuple(names.items()))
     if source.team is not None:
@@ -92,6 +93,9 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
     is_of_points = assembly.dimension > 1 and not assembly.cloud.bodies.vectors  # on a line, none passes another
     if source.cutoffs and is_of_points:
         functions["rhs"].py_func.cutoffs = Cutoffs(assembly.n * assembly.dimension, tuple(source.cutoffs))
+    if writing.jumping:
+        functions["rhs"].py_func.angles = writing.angles_of(functions)
+    functions["rhs"].py_func.reads_time = assembly.depends_on_time  # the code passes t on, and grains read differences
     functions["rhs"].py_func.left_out = np.array(source.left_out, dtype=int)
     if assembly.constraints:
         keeping = functions["projection"], functions["constrained_step"]
@@ -99,7 +103,6 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         functions["rhs"].py_func.constraints = Constraints(*keeping, place, writing.unrolled(functions))
     if writing.grains:
         places = tuple(text.springs for text in writing.grains)
-        functions["rhs"].py_func.reads_time = assembly.depends_on_time  # besides the time since the last step
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"], places)
     if assembly.rates:
         for name in functions.keys() & {"rhs", "energy", "reactions"}:
@@ -179,7 +182,10 @@ class _Functions(Text):
         self._suffix = self._bodies_text.suffix
         self._rhs_name = f"forces{self._suffix}" if assembly.constraints else "rhs"
         self._own_masses = assembly.own
+        vectors = [assembly.cloud.free[i] for i in assembly.cloud.bodies.vectors if assembly.cloud.is_own[i]]
+        self._turning = np.add.outer(assembly.own * np.arange(assembly.dimension), vectors).astype(int).ravel()
         self._occurring: list[Symbols] = []  # the laws with events, by the number in the names of their functions
+        self.jumping = [mesh for mesh in self._meshes if mesh.having(JUMPING)]
 
     # The functions
 
@@ -314,6 +320,22 @@ class _Functions(Text):
             for s, number in enumerate(law.events):
                 found[names[number]] = EffectEvent(g[s], effect.crossing, False, apply[s], *rule)
         return {name: found[name] for name in names}  # in the order in which the effects were added
+
+    def angles(self) -> None:
+        """Write the function of the angles of the laws whose torque may jump at half a turn."""
+        if self.jumping:
+            with self._function(f"angles{self._suffix}(t, u, v, p, a)"):
+                for k, mesh in enumerate(self.jumping):
+                    mesh.angles(sum(other.size for other in self.jumping[:k]))
+            if self._suffix:
+                with self._function("angles(t, u, v, p, a)"):
+                    self._bodies_text.value("angles_of_all(t, everywhere, speeds, p, a)")
+
+    def angles_of(self, functions: dict[str, Any]) -> Angles:
+        """Return the names and the function of these angles, and the degrees of freedom that show how bodies turn."""
+        titles = [mesh.laws[0].effect.title for mesh in self.jumping for _ in range(mesh.size)]
+        names = [f"{title} {titles[:k].count(title)}" for k, title in enumerate(titles)]
+        return Angles(self._turning, tuple(names), functions["angles"])
 
     # The parts of these functions
 

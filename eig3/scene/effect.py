@@ -23,6 +23,8 @@ from .fields import annotations_of, check_fields
 FORCES = ("force", "acceleration", "tension", "force_density", "forces", "torque", "stress")
 #: The function of the rate of a state that is a first-order unknown.
 RATE = "state_rate"
+#: The function of the angle between two bodies that is 0 if the torque does not jump from pi to -pi.
+JUMPING = "jumping_angle"
 #: The rules by which a link mixes the values of two points: see `Link`.
 RULES = ("arithmetic", "geometric", "product")
 #: The functions that change the state where the event of an effect occurs.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, ClassVar
@@ -11,16 +12,24 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..functions.callbacks import jit
+from ..kernels.compile.jit import element
 from ..kernels.compile.source import Writer, define
 from ..kernels.friction import couple_in_plane, couple_in_space, rate_in_plane, rate_in_space
 from ..kernels.slide import displacement, displacement_rate, forces_along
 from ..kernels.vector_angle import angle_in_plane, angle_in_space
 from .cell import Cell
-from .effect import RATE, Effect, arguments
+from .effect import JUMPING, RATE, Effect, arguments
 from .of_law import OfLaw
 
 _OF_JOINT = ("t", "x", "v", "state")
 _PULLS = {"tension": "", "force_density": " * r"}
+_SAME = 1e-9  # relative difference of two torques that are equal
+
+
+@element
+def angle_of_jump(angle: Any, after: Any, before: Any) -> Any:
+    """Return the angle, or 0 if the torque does not jump where the angle changes from pi to -pi."""
+    return angle if abs(after - before) > _SAME * (abs(after) + abs(before)) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +47,7 @@ class HingeLaw(OfLaw, Cell):
     reach: ClassVar[float] = math.pi
     kinematics: ClassVar[tuple[Any, Any, Any]] = angle_in_plane, rate_in_plane, couple_in_plane
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
-        **dict.fromkeys(("forces", "event", "state_after", RATE), _OF_JOINT),
+        **dict.fromkeys(("forces", "event", "state_after", RATE, JUMPING), _OF_JOINT),
         "potential": ("x", "state"),
     }
 
@@ -70,7 +79,8 @@ class HingeLaw(OfLaw, Cell):
     turns = property(attrgetter("law.turns"))  # type: ignore[assignment]
 
     def functions(self) -> dict[str, Any]:
-        return dict(_of_joint(tuple(self.law.functions().items()), self.takes[0], self.kinematics))
+        wraps = self.reach == math.pi
+        return dict(_of_joint(tuple(self.law.functions().items()), self.takes[0], self.kinematics, wraps))
 
     def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
         check = Cell._check_returned if name == "forces" else Effect._check_returned
@@ -97,9 +107,10 @@ class SlideLaw(HingeLawInSpace):
 
 
 @functools.lru_cache(256)
-def _of_joint(inner: tuple[tuple[str, Any], ...], points: int, kinematics: tuple[Any, Any, Any]) -> Any:
+def _of_joint(inner: tuple[tuple[str, Any], ...], points: int, kinematics: tuple[Any, Any, Any], wraps: bool) -> Any:
     """Return functions of the points that call a law. The same law gives the same functions, so scenes share code."""
     known, out = dict(inner), Writer()
+    of_law = "angle" if "torque" in known else "r"  # of a motor, or of a link, which may have a field angle
     calls = {name: f"law_{name}({', '.join(arguments(function))})" for name, function in inner}
     acting = [name for name in ("torque", *_PULLS) if name in known]
     force = calls.get("torque") or f"-({' + '.join(calls[name] + _PULLS[name] for name in acting)})"
@@ -110,8 +121,11 @@ def _of_joint(inner: tuple[tuple[str, Any], ...], points: int, kinematics: tuple
     }
     of_forces = [x for name in acting for x in arguments(known[name])] + ["r"] * ("force_density" in known)
     given["forces"] = tuple(of_forces), f"forces_of(x, {force})"
+    if wraps and of_law in of_forces:
+        after, before = (re.sub(rf"\b{of_law}\b", at, force) for at in ("-pi", "pi"))
+        given[JUMPING] = tuple(of_forces), f"angle_of_jump({of_law}, {after}, {before})"
     for name, (read, value) in given.items():
-        of_points = [x for x in ("r", "angle", "rate") if x in read]
+        of_points = [x for x in (of_law, "rate") if x in read]
         taken = ["x"] * bool(of_points or name == "forces") + ["v"] * ("rate" in read)
         taken += [x for x in dict.fromkeys(read) if x not in of_points]
         with out.block(f"def {name}({', '.join(taken)})"):
@@ -120,6 +134,7 @@ def _of_joint(inner: tuple[tuple[str, Any], ...], points: int, kinematics: tuple
                 out.line(f"{variable} = {'rate_of(x, v)' if variable == 'rate' else from_points}")
             out.line(f"return {value}")
     names = dict(zip(("r_of", "rate_of", "forces_of"), kinematics, strict=True))
+    names |= {"angle_of_jump": angle_of_jump, "pi": math.pi}
     names |= {"__name__": __name__, **{f"law_{name}": function for name, function in inner}}
     defined = define(str(out), "joint", names)
     return tuple((name, jit(defined[name])) for name in given)

@@ -13,7 +13,7 @@ import numpy as np
 
 from .assembly import Assembly
 from .cell import Cell
-from .effect import RATE
+from .effect import JUMPING, RATE
 from .placed import Placed
 from .source import Column, Source, Symbols, entry
 from .text import BlockText, Text, of_part
@@ -85,6 +85,12 @@ class MeshText(BlockText):
             with self._loop():
                 self._given(RATE)
                 self._line(f"{self._law.columns[RATE].of('s')} = {self._law.call(RATE, 's', self._offered)}")
+
+    def angles(self, first: int) -> None:
+        """Write the angles of the cells into the array a, from the index `first` on."""
+        with self._loop():
+            self._given(JUMPING)
+            self._line(f"a[{first} + s] = {self._law.call(JUMPING, 's', self._offered)}")
 
     @contextmanager
     def member(self, head: str) -> Iterator[tuple[str, str, str]]:
