@@ -12,9 +12,15 @@ import numpy as np
 
 from ..functions.callbacks import jit
 from ..kernels.compile.source import Writer, define
-from ..kernels.friction import couple_in_plane, couple_in_space, rate_in_plane, rate_in_space
 from ..kernels.slide import displacement, displacement_rate, forces_along
-from ..kernels.vector_angle import angle_in_plane, angle_in_space
+from ..kernels.vector_angle import (
+    angle_in_plane,
+    angle_in_space,
+    couple_in_plane,
+    couple_in_space,
+    rate_in_plane,
+    rate_in_space,
+)
 from .cell import Cell
 from .effect import RATE, Effect, arguments
 from .of_law import OfLaw
