@@ -29,7 +29,6 @@ from ..functions.records import Records
 from ..kernels import team
 from ..kernels.compile.jit import code_address, with_symbol
 from ..kernels.compile.source import define
-from ..kernels.constraint_lanes import UnrolledConstraints
 from ..kernels.constraints import FUNCTION_OF_SCENE
 from ..kernels.neighbours import bounds, memory
 from ..kernels.protocol import index
@@ -54,10 +53,8 @@ from .text import BlockText, Text, added
 #: takes less time than another core needs to fetch its ends, which the thread of the run has just moved.
 _SHARED, _SHARED_CELLS = 2000, 5000
 
-_TINY = (
-    2.0**-1000
-)  # added under a root to avoid a division by 0 where points coincide; too small to change other values
-
+# added under a root to avoid a division by 0 where points coincide; too small to change other values
+_TINY = 2.0**-1000
 
 G = TypeVar("G", MassesText, LinksText)
 
@@ -98,9 +95,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
     functions["rhs"].py_func.reads_time = assembly.depends_on_time  # the code passes t on, and grains read differences
     functions["rhs"].py_func.left_out = np.array(source.left_out, dtype=int)
     if assembly.constraints:
-        keeping = functions["projection"], functions["constrained_step"]
-        place = writing.place_of_constraints
-        functions["rhs"].py_func.constraints = Constraints(*keeping, place, writing.unrolled(functions))
+        functions["rhs"].py_func.constraints = writing.constraints_of(functions)
     if writing.grains:
         places = tuple(text.springs for text in writing.grains)
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"], places)
@@ -108,19 +103,15 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         for name in functions.keys() & {"rhs", "energy", "reactions"}:
             functions[name].py_func.reads_z = True  # it takes first-order unknowns in the form of kernels
     reactions = assembly.constraints
+    units = tuple(reactions.units) if reactions else ()
     return {
         "rhs": functions["rhs"],
         "energy": functions.get("energy"),
         "events": writing.events_of(functions, assembly.events),
         "outputs": {"reactions": (functions["reactions"], reactions.rows)} if reactions else {},
-        "output_units": {"reactions": _common(reactions.units)} if reactions else {},
+        "output_units": {"reactions": units[0] if len({*units}) == 1 else units} if reactions else {},
         "params": source.params,
     }
-
-
-def _common(units: list[str]) -> str | tuple[str, ...]:
-    """Return the unit of all values, or the units of each."""
-    return units[0] if len({*units}) == 1 else (*units,)
 
 
 @functools.lru_cache(maxsize=256)
@@ -189,19 +180,14 @@ class _Functions(Text):
 
     # The functions
 
-    @property
-    def place_of_constraints(self) -> int:
-        """The place of their table in p."""
-        assert self._constraints
-        return self._constraints.place
-
-    def unrolled(self, functions: dict[str, Any]) -> UnrolledConstraints | None:
-        """Return few constraints as lines for lanes, and register the function of the reactions for lanes."""
-        text = self._constraints and self._constraints.unrolled
-        if not text:
-            return None
-        functions["reactions"].py_func.in_lanes = functions["reactions_in_lanes"]
-        return text.unrolled(functions["forces"])
+    def constraints_of(self, functions: dict[str, Any]) -> Constraints:
+        """Return the constraints from the compiled functions; few of them also as lines for lanes."""
+        text, unrolled = self._constraints, None
+        assert text
+        if text.unrolled:
+            functions["reactions"].py_func.in_lanes = functions["reactions_in_lanes"]
+            unrolled = text.unrolled.unrolled(functions["forces"])
+        return Constraints(functions["projection"], functions["constrained_step"], text.place, unrolled)
 
     def parts(self) -> None:
         """Write the functions that others call: the positions of the corners of cells, and the work of threads."""
