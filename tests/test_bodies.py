@@ -10,11 +10,12 @@ from scipy.spatial.transform import Rotation
 import eig3
 from eig3 import effects, problems
 from eig3.bench.squeezers import END
-from eig3.kernels.friction import friction_in_plane, friction_in_space
+from eig3.kernels import vector_angle
 from eig3.problems.four_bar import BASE, COUPLER, CRANK, ROCKER, linkage
 from eig3.problems.squeezer import START, mechanism, places
 from eig3.problems.tumbling_box import scene_of_box
 from eig3.scene import Scene
+from eig3.scene.hinge_friction import HingeFriction
 
 from .conftest import assert_same, refusals
 
@@ -190,10 +191,13 @@ def test_friction_in_a_hinge_is_a_couple_against_the_relative_spin():
     for axis in (np.array([0.0, 0.0, 1.0]), np.array([2.0, 1.0, 2.0]) / 3):
         one, other = (tuple(np.cross(axis, x) / np.linalg.norm(np.cross(axis, x))) for x in ((1, 2, 0.5), (-2, 0.5, 3)))
         v = tuple(np.cross(0.7 * axis, one)), tuple(np.cross(1.9 * axis, other))
-        found = [friction_in_space.py_func((one, other, tuple(axis)), v, 2.0, 0.3, 1e-9)[:2]]
+        places = [("space", (one, other, tuple(axis)), v)]
         if axis[2] == 1:
-            found.append(friction_in_plane.py_func((one[:2], other[:2]), (v[0][:2], v[1][:2]), 2.0, 0.3, 1e-9))
-        for forces in found:
+            places.append(("plane", (one[:2], other[:2]), (v[0][:2], v[1][:2])))
+        for where, x, rates in places:
+            rate = getattr(vector_angle, f"rate_in_{where}").py_func(x, rates)
+            torque = HingeFriction.torque.py_func(rate, 2.0, 0.3, 1e-9)
+            forces = getattr(vector_angle, f"couple_in_{where}").py_func(x, torque)[:2]
             moments = [np.cross(x, [*force, 0.0][:3]) for x, force in zip((one, other), forces, strict=True)]
             np.testing.assert_allclose(moments, np.outer([1, -1], (2.0 + 0.3 * 1.2) * axis), rtol=0, atol=1e-12)
 

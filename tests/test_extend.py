@@ -9,7 +9,7 @@ import pytest
 
 import eig3
 
-from .conftest import assert_same, bounce, energy, oscillator, position
+from .conftest import assert_same, energy, oscillator
 from .going_on import SCALAR, SCALAR_WITHOUT_V, VECTOR, VECTOR_WITHOUT_V, H, forces
 from .test_resume import After
 
@@ -84,15 +84,6 @@ def test_an_extended_run_with_tolerances_is_one_run(method, start):
             extended = run.extend(first + 0.1).extend(4.0).extend(5.0)
             assert_same(extended, whole)
             np.testing.assert_array_equal(run.t, before)
-
-
-@pytest.mark.parametrize("first", [1e-3, 0.3, 2.2])
-def test_events_go_on_with_tolerances(first):
-    options = {"rtol": 1e-6, "params": 99.0, "events": {"zero": eig3.Event(position, direction=-1, apply=bounce)}}
-    whole = eig3.integrate(pushed, (0, 20), 0.0, 0.5, **options)
-    extended = eig3.integrate(pushed, (0, first), 0.0, 0.5, **options).extend(8.0).extend(20.0)
-    assert_same(extended, whole)
-    assert len(whole.events["zero"]) > 1
 
 
 @pytest.mark.parametrize("save_every", [1, 7, None])

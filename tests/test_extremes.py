@@ -117,13 +117,6 @@ def test_they_do_not_depend_on_what_is_saved_nor_on_the_calls(method, monkeypatc
     same_extremes(run, vibration(**options))
 
 
-def test_inlined_run_has_the_same_extremes():
-    """Up to round-off: the compiler may fuse other products and sums. EIG-3's kernel compiles in the least time."""
-    options = {"rtol": 1e-5, "method": "eig3", "outputs": {"u": position}}
-    run, inlined = vibration(**options).extremes["u"], vibration(inline=True, **options).extremes["u"]
-    assert inlined == pytest.approx(run, abs=1e-12)
-
-
 def test_what_is_followed_leaves_the_motion_alone():
     """It only adds the evaluations of the dense output to the count: three in each step of RK8."""
     options = {"rtol": 1e-6, "method": "rk8"}
@@ -220,15 +213,3 @@ def test_a_peak_that_is_not_reached():
     )  # fmt: skip
     assert run.extremes["u"].high == run.u[-1] == pytest.approx(0.8 * PEAK, rel=1e-12)
     assert run.extremes["u"].t_high == run.t[-1]
-
-
-def test_extended_through_impacts():
-    options = {
-        "params": 10.0, "rtol": 1e-6, "method": "rk8", "outputs": {"v": velocity, "u": position},
-        "events": {"impact": Event(position, -1, apply=rebound)}, "invariants": {"speed": speed},
-    }  # fmt: skip
-    whole = integrate(falling, (0.0, 2.6), 5.0, 1.0, **options)
-    same_extremes(whole, integrate(falling, (0.0, 1.5), 5.0, 1.0, **options).extend(2.6))
-    assert whole.extremes["u"].high == pytest.approx(5.05, rel=1e-13)  # u0 + v0^2 / (2 g)
-    assert whole.extremes["u"].t_high == pytest.approx(0.1, rel=1e-7)
-    assert whole.drift["speed"] == pytest.approx(np.sqrt(101) - 1, rel=1e-12)

@@ -89,11 +89,6 @@ def principal(grade, Omega, xi=0):
     return z
 
 
-def test_criterion_decides_between_inside_and_outside():
-    for root, inside in ((Fraction(9, 10), True), (Fraction(11, 10), False), (Fraction(-1), False)):
-        assert all_within([Fraction(1), -root, Fraction(1, 4), -root / 4]) is inside  # (z - root)(z^2 + 1/4)
-
-
 @pytest.mark.parametrize(
     ("grade", "xi"), [(grade, xi) for grade in GRADES for xi in (0.0, *DAMPINGS) if xi == 0 or grade in DAMPED_GRADES]
 )

@@ -506,6 +506,21 @@ def test_no_step_jumps_over_an_impact(far):
         np.testing.assert_allclose(balls.velocities(run.v)[-1], [(-0.5, 0), (0.5, 0)], atol=1e-12)
 
 
+def test_the_limit_of_a_very_short_contact_distance_is_noted():
+    """Two points pass each other at a distance of 1 m: with steps of 1e-4/8 m the run takes at least 32,000 steps."""
+    scene = Scene(dimension=2)
+    balls = scene.mass([1.0, 1.0], [(0, 0), (0.2, 1)], [(1.0, 0), (0, 0)])
+    scene.add(effects.MassImpact(contact_distance=1e-4, restitution=0.5), *balls)
+    problem = scene.problem((0, 0.4))
+    run, longer = (problem.integrate(rtol=1e-6, save_every=None, h_max=h_max) for h_max in (None, 0.1))
+    (note,) = run.notes
+    assert "contact distance or cutoff limits the steps, and not rtol" in note
+    assert run.n_steps >= 32_000
+    assert longer.notes == ()
+    assert longer.n_steps < 100
+    np.testing.assert_allclose(longer.u[-1], run.u[-1], rtol=1e-12)
+
+
 @pytest.mark.parametrize("effect", [effects.MassImpact(contact_distance=0.1), effects.HertzContact(1e4, 0.1)])
 def test_a_fixed_step_that_may_jump_over_a_contact_has_a_note(effect):
     """Two balls had passed through each other without a word."""
@@ -516,6 +531,22 @@ def test_a_fixed_step_that_may_jump_over_a_contact_has_a_note(effect):
     np.testing.assert_array_equal(run.v[-1], problem.v0)
     assert [note in " ".join(each.notes) for each in (run, members)] == [True, True]
     assert not [each for each in problem.integrate(h=0.01).notes if "a point moves" in each]
+
+
+def test_an_accuracy_is_not_reached_by_steps_that_jump_over_an_impact():
+    """Without the impact, 250 to 1500 steps show no error. In the impact, the balls exchange their velocities."""
+    scene = Scene(dimension=2)
+    balls = scene.mass([1.0, 1.0], [(0, 0), (1.0017, 0)], [(1.0, 0), (0, 0)])
+    scene.add(effects.MassImpact(contact_distance=1e-4, restitution=1.0), *balls)
+    problem = scene.problem((0, 2))
+    run = problem.integrate(accuracy=1e-4, method="eig3", save_every=None)
+    np.testing.assert_allclose(run.u[-1], [1.0016, 2.0001, 0, 0], atol=1e-4)
+    assert run.success
+    assert run.h <= 0.5e-4  # half of the contact distance in a step
+    params = np.where(problem.params == 1e-4, 1e-9, problem.params)
+    smaller = problem.with_(params=params).integrate(accuracy=1e-4, method="eig3", save_every=None)
+    assert "because a point may pass through another in a step of more than 1.3e-10" in smaller.message
+    assert smaller.n_steps < 1e6  # and not the 1e10 of such a step
 
 
 def test_no_step_jumps_over_a_contact():

@@ -1,8 +1,11 @@
 """Laws of links for the angle between rigid bodies."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
+import eig3
 from eig3.effects import (
     BoucWen,
     Breaking,
@@ -11,6 +14,7 @@ from eig3.effects import (
     LeadRubber,
     LinearDamper,
     LinearSpring,
+    Link,
     MassImpact,
     Multilinear,
 )
@@ -103,16 +107,74 @@ def test_a_plastic_hinge_and_a_gap_between_two_bodies():
         np.testing.assert_allclose(members[k].events[name].t, single.events[name].t, rtol=0, atol=1e-10)
 
 
+@dataclass(frozen=True, eq=False)
+class SpringAboutAngle(Link):
+    stiffness: float
+    angle: float
+
+    @staticmethod
+    @eig3.jit
+    def tension(r, stiffness, angle):
+        return stiffness * (r - angle)
+
+
 def test_a_rest_angle_may_be_negative():
-    """The angle swings about the rest angle, cos(omega t) - 1 times its size, on either side."""
-    for law in (LinearSpring(0.2, -0.5), LinearSpring(0.2, 0.5)):
+    """The angle swings about the rest angle, cos(omega t) - 1 times its size, on either side.
+
+    A field of a link may have the name angle.
+    """
+    for law, rest in ((LinearSpring(0.2, -0.5), -0.5), (SpringAboutAngle(0.2, 0.5), 0.5)):
         scene = Scene(2)
         flat = scene.body(2.0, 0.3, [0.5, 0.0])
         flat.revolute(None, [0.0, 0.0])
         flat.torsional_spring(None, law)
         run = scene.problem((0, 3)).integrate(rtol=1e-10)
-        expected = law.rest_length * (1 - np.cos(np.sqrt(0.2 / INERTIA) * run.t))
+        expected = rest * (1 - np.cos(np.sqrt(0.2 / INERTIA) * run.t))
         np.testing.assert_allclose(flat.rotation(run.u), expected, rtol=0, atol=1e-8)
+
+
+@eig3.jit
+def cogging(t, angle, rate):
+    return 0.1 - 0.05 * np.sin(2 * angle)
+
+
+@dataclass(frozen=True, eq=False)
+class SpringOfTurns(Link):
+    stiffness: float
+
+    @staticmethod
+    @eig3.jit
+    def tension(state, stiffness):
+        return stiffness * state
+
+    @staticmethod
+    @eig3.jit
+    def state_rate(rate):
+        return rate
+
+
+def test_a_torque_that_jumps_at_half_a_turn_has_a_note():
+    """All bodies turn further. A torque with the period of the angle does not jump; nor does one of whole turns."""
+    scene = Scene(2)
+    bodies = [scene.body(1.0, 0.3, [0.0, 0.0], angular_velocity=8.0) for _ in range(3)]
+    bodies[0].torsional_spring(None, LinearSpring(0.5))
+    bodies[1].motor(None, cogging)
+    bodies[2].torsional_spring(None, SpringOfTurns(0.5))
+    problem = scene.problem((0, 3))
+    run = problem.integrate(rtol=1e-9)
+    turned = [np.unwrap(body.rotation(run.u)) for body in bodies]
+    assert min(angle.max() for angle in turned) > np.pi
+    omega = np.sqrt(0.5 / 0.3)
+    np.testing.assert_allclose(turned[2], 8.0 / omega * np.sin(omega * run.t), rtol=0, atol=1e-7)
+    first = run.t[np.argmax(turned[0] > np.pi) - 1]
+    (note,) = run.notes
+    assert note.startswith(f"The angle of LinearSpring 0 passes half a turn after t = {first:.4g}. ")
+    slow = problem.with_(v0=0.3 * problem.v0)
+    assert slow.integrate(rtol=1e-6).notes == ()
+    members = problem.ensemble(v0=problem.v0 * np.array([[0.3], [1.0]]), rtol=1e-6, save_every=1)
+    (noted,) = (note for note in members.notes if "half a turn" in note)
+    assert "LinearSpring 0" in noted
+    assert noted.endswith("This is member 1.")
 
 
 test_what_is_wrong_is_refused_in_a_sentence = refusals(

@@ -11,7 +11,6 @@ import pytest
 
 import eig3
 from eig3.kernels.compile.interrupt import DeferredInterrupt
-from eig3.stepping import slices
 from eig3.stepping.march import March
 
 from .conftest import energy, harmonic, harmonic_vector
@@ -239,29 +238,6 @@ def test_a_dear_invariant_does_not_delay_the_answer(after_begin):
         eig3.integrate(harmonic, (0, 2**20 * STEP), 1.0, 0.0, h=STEP, invariants={"e": dear})
     assert time.perf_counter() - begin < 10  # the whole run takes half a minute
     assert caught.value.solution.n_steps > 0
-
-
-def test_slices_are_long_beside_a_busy_thread_and_short_beside_rare_waits(monkeypatch):
-    """A thread that computes in Python keeps the interpreter for 5 ms, and short slices would wait for it each time."""
-    clock = {"perf_counter": 1.0, "thread_time": 1.0, "waits": 0}
-    monkeypatch.setattr(slices.time, "perf_counter", lambda: clock["perf_counter"])
-    monkeypatch.setattr(slices.time, "thread_time", lambda: clock["thread_time"])
-    monkeypatch.setattr(slices, "_number_of_waits", lambda: clock["waits"])
-    pace, wait = 1e-8, 5e-3
-
-    def duration_after(waits):
-        some = slices.Slices(pace)
-        for waited in waits:
-            done, *begin = some.begin(2**40)
-            clock["perf_counter"] += done * pace + wait * waited
-            clock["thread_time"] += done * pace
-            clock["waits"] += waited
-            some.end(done, *begin)
-        return some.steps * pace
-
-    assert duration_after([1] * 20) == pytest.approx(10 * wait, rel=0.01)
-    assert duration_after([1, 0, 0] * 7) < wait / 5
-    assert duration_after([0] * 20) < wait / 5
 
 
 def test_the_interrupt_comes_at_the_end_of_the_outer_block():

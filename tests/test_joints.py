@@ -172,7 +172,7 @@ def test_what_acts_about_an_axis_in_space_needs_a_revolute_joint_with_this_axis(
     adds = {
         "motor": lambda body, other, axis: body.motor(other, controller, axis),
         "linear spring": lambda body, other, axis: body.torsional_spring(other, effects.LinearSpring(5.0), axis),
-        "hinge friction in space": lambda body, other, axis: body.friction(other, 0.05, axis),
+        "hinge friction": lambda body, other, axis: body.friction(other, 0.05, axis),
     }
     for name, add in adds.items():
         for axis, is_right in (((0.0, 0.6, 0.8), True), ((0.0, 0.0, 1.0), False)):

@@ -160,29 +160,6 @@ def test_eig3_keeps_its_order_on_yielding_chains(law):
     np.testing.assert_allclose(close.u[-1], true.u[-1], rtol=0, atol=1e-6)
 
 
-def test_iwan_loops_follow_masings_rule():
-    """A heavy mass moves as a sine, so the branch that unloads is the first branch, twice as large."""
-    links = [ElasticPlastic(k, force, 0.1) for k, force in ((30.0, 0.5), (20.0, 1.0), (10.0, 2.0))]
-    problem = oscillator(*links, LinearSpring(1e9), mass=1e9, velocity=0.5, span=(0, 3 * np.pi / 2))
-    run = problem.integrate(rtol=1e-10, method="rk8", t_eval=np.linspace(0, 3 * np.pi / 2, 200))
-    x, states = run.u[:, 0], run.u[:, 1:]
-
-    def tension(x, states):
-        total = 0.0
-        for link, s in zip(links, np.moveaxis(states, -1, 0), strict=True):
-            middle, half = link.hardening * link.stiffness * x, (1 - link.hardening) * link.yield_force
-            total = total + np.clip(link.stiffness * (x - s), middle - half, middle + half)
-        return total
-
-    def first(x):
-        return tension(x, np.zeros((*np.shape(x), 3)))
-
-    down = run.t > np.pi / 2
-    expected = first(0.5) - 2 * first((0.5 - x[down]) / 2)
-    np.testing.assert_allclose(tension(x[down], states[down]), expected, rtol=0, atol=1e-6)
-    assert [len(run.events[f"elastic plastic {k}"]) for k in range(3)] == [2, 2, 2]
-
-
 def test_a_backbone_curve_makes_iwans_elements():
     """Beside elements in parallel, and beside a curve of another number of points: each has a loop and states."""
     curve, other = (
@@ -289,16 +266,6 @@ def test_the_work_balances_the_energy():
     assert run.drift["energy"] < 1e-7 * np.abs(run.z["work"]).max()
     fixed = [problem.integrate(h=h).drift["energy"] for h in (0.01, 0.00125)]
     assert fixed[1] < fixed[0] / 20  # three halvings, of the second order with the scatter of the turns
-
-
-def test_members_of_an_ensemble_are_single_runs():
-    problem = oscillator(BoucWen(20.0, 0.03), Maxwell(10.0, 2.0), force=5.0, omega=4.0)
-    v0, options = np.linspace(0, 1, 20)[:, None], {"t_eval": [0, 5, 10], "h": 0.005}
-    members = problem.ensemble(v0=v0, **options)
-    for i in (0, 11):
-        alone = problem.with_(v0=v0[i]).integrate(**options)
-        np.testing.assert_allclose(members.z["maxwell"][i], alone.z["maxwell"], rtol=0, atol=1e-11)
-        np.testing.assert_allclose(members.u[i], alone.u, rtol=0, atol=1e-11)
 
 
 #: Displacements at t = 1, 2, 3, 4, 5 that OpenSees 3.7.1 prints for a zeroLength element between a fixed node and

@@ -161,21 +161,6 @@ def test_an_extended_run_is_one_run():
     assert_same(follow(10, rtol=1e-9).extend(25), follow(25, rtol=1e-9))
 
 
-def test_members_are_runs_alone():
-    starts = np.linspace(0.1, 0.5, 5)
-    members = eig3.ensemble(forced, (0, 10), starts, 0.0, h=0.1, method="rkn12", save_every=10)
-    for u, member in zip(starts, members.u, strict=True):
-        alone = eig3.integrate(forced, (0, 10), u, 0.0, h=0.1, method="rkn12", save_every=10)
-        np.testing.assert_allclose(member, alone.u, rtol=0, atol=1e-14)  # the lanes may round in another order
-
-
-@pytest.mark.parametrize("steps", [{"h": 0.1, "method": "rkn12"}, {"rtol": 1e-8}])
-def test_a_run_on_the_disk_has_the_states_of_one_in_memory(steps, tmp_path):
-    kept = follow(10, **steps, save_to=tmp_path / "run")
-    for run in (kept, eig3.load(tmp_path / "run")):
-        assert_same(run, follow(10, **steps))
-
-
 def test_more_events_than_degrees_of_freedom():
     events = {f"crossing {k}": eig3.Event(position) for k in range(4)}
     run = follow(20, rtol=1e-9, events=events)

@@ -1,4 +1,4 @@
-"""Properties of every linear system: bounds, changes of scale, reversal in time, and several copies of a system."""
+"""Properties of every linear system: bounds, changes of scale, and several copies of a system."""
 
 import math
 
@@ -8,9 +8,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import eig3
-from eig3 import NoCriticalStepError, critical_step, integrate, problems
+from eig3 import NoCriticalStepError, critical_step, integrate
 
-from .conftest import ALL_METHODS, WITHOUT_VELOCITY, hardening, oscillator, oscillator_vector, spring, structure
+from .conftest import ALL_METHODS, WITHOUT_VELOCITY, hardening, oscillator, oscillator_vector, structure
 
 EPS = 2.0**-52
 LAGGED = eig3.CentralDifference(velocity="lagged")
@@ -129,7 +129,7 @@ def runs_of(method, omega, xi, h, factor, vector):
     method=st.sampled_from(ALL_METHODS + WITHOUT_VELOCITY),
     Omega=st.floats(0.01, 0.4),
     xi=st.floats(0, 0.3),
-    power=st.integers(-200, 200),
+    power=st.integers(-900, 990),
     vector=st.booleans(),
 )
 def test_amplitude_is_a_factor_bit_for_bit(method, Omega, xi, power, vector):
@@ -146,24 +146,7 @@ def test_amplitude_is_a_factor_bit_for_bit(method, Omega, xi, power, vector):
     method=st.sampled_from(ALL_METHODS + WITHOUT_VELOCITY),
     Omega=st.floats(0.01, 0.4),
     xi=st.floats(0, 0.3),
-    factor=st.floats(1e-6, 1e6),
-    vector=st.booleans(),
-)
-def test_amplitude_is_a_factor(method, Omega, xi, factor, vector):
-    """Other factors round the start and every product: some 10 roundings a step, whose effects add up over 200, in
-    motions that grow by (1 + Omega^4/4)^200 = 4 at most. A solve stops at 1e-12 (|v| + |w|), or earlier by one."""
-    one, other = runs_of(method, 1.0, xi, Omega, 1.0, vector), runs_of(method, 1.0, xi, Omega, factor, vector)
-    tolerance = 200 * 4 * (10 * EPS if not method.is_implicit else 4e-12)
-    np.testing.assert_allclose(other.u / factor, one.u, rtol=0, atol=tolerance)
-    np.testing.assert_allclose(other.v / factor, one.v, rtol=0, atol=tolerance)
-
-
-@settings(deadline=None, max_examples=60)
-@given(
-    method=st.sampled_from(ALL_METHODS + WITHOUT_VELOCITY),
-    Omega=st.floats(0.01, 0.4),
-    xi=st.floats(0, 0.3),
-    factor=st.one_of(st.floats(1e-3, 1e3), st.integers(-100, 100).map(lambda power: 2.0**power)),
+    factor=st.one_of(st.floats(1e-3, 1e3), st.integers(-300, 300).map(lambda power: 2.0**power)),
 )
 def test_units_of_time_are_a_factor(method, Omega, xi, factor):
     """omega c and h / c give the same u, and v c: to roundings as above, bit for bit where c is a power of two and
@@ -183,72 +166,6 @@ def test_units_of_time_are_a_factor(method, Omega, xi, factor):
     tolerance = 200 * 4 * (10 * EPS if not method.is_implicit else 4e-12)
     np.testing.assert_allclose(other.u, one.u, rtol=0, atol=tolerance)
     np.testing.assert_allclose(other.v / factor, one.v, rtol=0, atol=tolerance)
-
-
-# Reversal ------------------------------------------------------------------------------------------------------------
-
-
-def reversed_run(run, rhs, params, method):
-    """The run back from the end: its first step is to u_{N-1}, and the positions follow one three-term recurrence.
-
-    u_{n+1} - 2 u_n + u_{n-1} = h^2 f(t_n, u_n) is the same read backwards, so that a start with u_1 = u_{N-1}, that is
-    v = (u_{N-1} - u_N) / h - h/2 a_N, goes back through every position.
-    """
-    h, u_end, u_before = run.h, run.u[-1], run.u[-2]
-    stepper = eig3.Stepper(rhs, u_end, np.zeros_like(u_end)[()], h=h, t0=0.0, params=params, method=method)
-    a = stepper.acceleration(0.0, u_end, np.zeros_like(u_end)[()])
-    v = (u_before - u_end) / h - h / 2 * a
-    return integrate(rhs, (0, run.n_steps * h), u_end, v, h=h, params=params, method=method)
-
-
-@settings(deadline=None, max_examples=60)
-@given(
-    Omega=st.floats(0.01, 1.9),
-    u0=st.floats(-2, 2),
-    v0=st.floats(-2, 2),
-    method=st.sampled_from([eig3.EIG3(), *WITHOUT_VELOCITY]),
-)
-def test_a_linear_run_goes_back_to_its_start(Omega, u0, v0, method):
-    """The motion grows at most to |start| / sqrt(1 - Omega^2/4) = 3.2 |start|. Each step makes a few rounding errors in
-    u and h w. Each acts as a change of the start of a motion: it grows to at most 3.2 / Omega times itself in the
-    2 * 300 steps. The start of the run back has such an error too."""
-    assume(abs(u0) + abs(v0) > 1e-3)
-    run = integrate(spring, (0, 300 * Omega), u0, v0, h=Omega, params=1.0, method=method)
-    back = reversed_run(run, spring, 1.0, method)
-    size = np.abs(run.u).max() + Omega * np.abs(run.v).max()
-    slope = 1 / (Omega * math.sqrt(1 - Omega**2 / 4))
-    # the rounding errors of w and of h^2 a stay in proportion to the size of the motion
-    np.testing.assert_allclose(back.u[::-1], run.u, rtol=0, atol=600 * 4 * EPS * size * slope)
-
-
-@pytest.mark.parametrize("method", [eig3.EIG3(), *WITHOUT_VELOCITY], ids=repr)
-def test_motions_that_are_not_linear_go_back_to_their_start(method):
-    """Two periodic motions move apart linearly in time: after N = 20 000 steps, a round-off of 1e-16 per step has grown
-    to at most 1e-16 N^2 divided by the steps of a period, some 150."""
-    for problem, h in ((problems.hardening_spring(t_end=15.0), 1e-3), (problems.softening_spring(t_end=20.0), 1e-3)):
-        run = problem.integrate(h=h, method=method)
-        back = reversed_run(run, problem.rhs, problem.params, method)
-        np.testing.assert_allclose(back.u[::-1], run.u, rtol=0, atol=4 * EPS * run.n_steps**2 / 100)
-        assert np.ptp(run.u) > 2
-
-
-def test_runge_kutta_does_not_go_back():
-    """The property above distinguishes reversible methods from others."""
-    spring = problems.hardening_spring(t_end=15.0)
-    run = spring.integrate(h=1e-3, method="rk2")
-    back = integrate(spring.rhs, (0, 15.0), run.u[-1], -run.v[-1], h=1e-3, params=spring.params, method="rk2")
-    assert abs(back.u[-1] - run.u[0]) > 1e-3
-
-
-def test_negated_velocities_go_back_only_to_second_order():
-    """The start of the article takes a_{-1} = a_0, so that -v_N does not lead to u_{N-1}: off by h^2 v."""
-    errors = []
-    for h in (0.02, 0.01):
-        run = integrate(spring, (0, 10), 1.0, 0.3, h=h, params=1.0)
-        back = integrate(spring, (0, 10), run.u[-1], -run.v[-1], h=h, params=1.0)
-        errors.append(abs(back.u[-1] - 1.0))
-    assert errors[0] > 1e-5
-    assert math.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.3)
 
 
 # Copies --------------------------------------------------------------------------------------------------------------

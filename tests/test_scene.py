@@ -179,63 +179,26 @@ def test_the_pendulum_is_the_polar_one(method, order):
     assert drifts[0] / drifts[1] > 0.8 * 2**order
 
 
-ARTICLE = [
-    pytest.param(table, effect, method, h, entry, id=f"table{table.number}-{method}-{h:g}")
-    for table, effect in ((TABLES[1], HardeningSpring(100.0, 10.0)), (TABLES[2], SofteningSpring(100.0)))
-    for method in ("eig3", "cd")  # the code of a scene is the same for all
-    for h, entry in zip(table.steps[:3], table.entries[method], strict=False)
-]
+ARTICLE = (TABLES[1], HardeningSpring(100.0, 10.0)), (TABLES[2], SofteningSpring(100.0))
 
 
-@pytest.mark.parametrize(("table", "effect", "method", "h", "entry"), ARTICLE)
-def test_springs_give_tables_2_and_3_of_the_article(table, effect, method, h, entry):
+@pytest.mark.parametrize(("table", "effect"), ARTICLE, ids=["table2", "table3"])
+def test_springs_give_tables_2_and_3_of_the_article(table, effect):
     """With a mass of 1 kg, as the problem written by hand. The recomputed values have three digits."""
     by_hand = table.problem()
     scene = Scene(1)
     wall, mass = scene.fixed(0.0), scene.mass(1.0, by_hand.u0)
     scene.add(effect, wall, mass)
     problem = scene.problem(by_hand.t_span)
-    options = {"h": h, "method": method, "save_every": 100, "invariants_every": 1}
-    ours, theirs = (x.integrate(**options) for x in (problem, by_hand))
-    assert ours.drift["energy"] == pytest.approx(entry.recomputed, rel=0.02)
-    assert ours.n_rhs == theirs.n_rhs
-    np.testing.assert_allclose(mass.positions(ours.u), theirs.u, rtol=0, atol=1e-6)  # round-off
+    for h, entry in zip(table.steps[:3], table.entries["eig3"], strict=False):
+        options = {"h": h, "save_every": 100, "invariants_every": 1}
+        ours, theirs = (x.integrate(**options) for x in (problem, by_hand))
+        assert ours.drift["energy"] == pytest.approx(entry.recomputed, rel=0.02)
+        assert ours.n_rhs == theirs.n_rhs
+        np.testing.assert_allclose(mass.positions(ours.u), theirs.u, rtol=0, atol=1e-6)  # round-off
 
 
-def free_net():
-    rng = np.random.default_rng(5)
-    scene = Scene(3)
-    net = scene.mass(rng.uniform(0.5, 2, (6, 5)), rng.standard_normal((6, 5, 3)), rng.standard_normal((6, 5, 3)))
-    for a, b in ((net[:-1], net[1:]), (net[:, :-1], net[:, 1:])):
-        scene.add(HardeningSpring(3.0, 0.1, 0.5), a, b)
-    scene.add(HertzContact(50.0, 0.8), net[0, 0], net[5, 4])
-    return scene, net
-
-
-def momenta(net, masses, solution):
-    x, v = net.positions(solution.u), net.velocities(solution.v)
-    p = masses[..., None] * v
-    return p.sum(axis=(1, 2)), np.cross(x, p).sum(axis=(1, 2))
-
-
-@pytest.mark.parametrize("method", ["eig3", "cd", "rk4"])
-def test_a_free_net_keeps_its_momentum(method):
-    """Every method keeps the momentum, which is linear, to the round-off of 5000 steps.
-
-    Central difference, whose v is (u_{n+1} - u_{n-1}) / 2h, also keeps the angular momentum, except in its first step,
-    and EIG-3 keeps it to its second order.
-    """
-    scene, net = free_net()
-    masses, drifts = scene._cloud().masses.reshape(6, 5), []
-    for h in (1e-3, 5e-4):
-        p, angular = momenta(net, masses, scene.problem((0.0, 5.0)).integrate(h=h, method=method))
-        assert np.abs(p - p[0]).max() < 1e-11
-        drifts.append(np.abs(angular - angular[0]).max())
-    assert method != "cd" or max(drifts) < 1e-10
-    assert method != "eig3" or drifts[0] / drifts[1] > 3.5
-
-
-@pytest.mark.parametrize(("method", "order"), [("eig3", 2), ("cd", 2), ("rk4", 4), ("ab3", 3)])
+@pytest.mark.parametrize(("method", "order"), [("eig3", 2), ("cd", 2), ("rk4", 4)])
 def test_the_balance_of_a_damped_and_driven_scene(method, order):
     scene = Scene(2)
     post = scene.fixed((0.0, 0.0))
@@ -631,7 +594,6 @@ def test_handles_are_sliced_and_read_like_arrays():
     np.testing.assert_array_equal([point.positions(problem.u0) for point in net[0]], np.arange(6.0).reshape(3, 2))
     assert post.positions(problem.u0).tolist() == [9.0, 9.0]
     assert post.velocities(problem.v0).tolist() == [0.0, 0.0]
-    assert one.velocities(problem.v0).tolist() == [3.0, 4.0]
     with pytest.raises(ValueError, match="no mass of the scene has an inertia"):
         post.angles(problem.u0)
 
@@ -670,18 +632,6 @@ def test_each_may_have_its_own_parameters():
     problem = scene.problem((0.0, 1.0))
     found = masses.velocities(at_start(problem))
     assert found.tolist() == [[1.0, 0.0], [0.0, 2.0], [0.75, 2.75]]
-
-
-def test_motions_of_one_support_add_up():
-    scene = Scene(2)
-    post, mass = scene.fixed([(0.0, 0.0), (1.0, 0.0)]), scene.mass(1.0, (0.0, 0.0))
-    scene.add(SupportMotion(shaken, (1.0, 0.0)), post)
-    scene.add(SupportMotion(shaken, (0.0, 2.0)), post[1])
-    scene.add(LinearSpring([1.0, 10.0]), post, mass)
-    problem = scene.problem((0.0, 1.0))
-    shift = shaken(0.2)[0]
-    expected = [shift + 10 * (1 + shift), 10 * 2 * shift]
-    assert at_start(problem, 0.2) == pytest.approx(expected)
 
 
 def test_coinciding_ends_without_a_length_give_no_nan():

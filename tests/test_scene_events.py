@@ -11,7 +11,19 @@ import numpy as np
 import pytest
 
 import eig3
-from eig3.effects import Body, BreakingString, Cable, Gravity, LinearSpring, Link, MassImpact, RigidStop, SupportMotion
+from eig3.effects import (
+    Body,
+    BreakingString,
+    Cable,
+    Gap,
+    Gravity,
+    LinearDamper,
+    LinearSpring,
+    Link,
+    MassImpact,
+    RigidStop,
+    SupportMotion,
+)
 from eig3.kernels.compile.numba_internals import compilations
 from eig3.problems.bouncing_ball import impact_times
 from eig3.scene import Scene
@@ -482,3 +494,18 @@ def test_the_code_does_not_grow_with_the_number_of_states():
         return len(code(scene.problem((0, 1)).rhs))
 
     assert length(400) == length(200)  # with the same number of digits in each range
+
+
+def test_a_scene_without_loads_of_the_time_is_not_searched_for_them():
+    """Two wagons roll freely to a buffer: no note says that a load may have been jumped over. They bounce back.
+
+    The work of a damper is an integral over the time, but no force depends on the time.
+    """
+    scene = Scene(1)
+    wagons, buffer = scene.mass([1.0, 1.0], [0.0, 1.0], velocity=[5.0, 5.0]), scene.fixed([40.0])
+    scene.add(LinearDamper(0.1), wagons[0], wagons[1])
+    scene.add(Gap(1e4, 0.0, 6.0), buffer, wagons[1])
+    run = scene.problem((0, 8), work=True).integrate(rtol=1e-8)
+    assert run.notes == ()
+    assert run.drift["energy"] < 25 * 1e-6  # of 25 J, with the tolerance of a step and some hundred steps
+    assert run.v[-1, 1] < 0

@@ -559,13 +559,6 @@ def minus_u(t, u, v, p, a):
     a[:] = -u
 
 
-def test_eig3_takes_the_steps_of_its_formulas():
-    solution = run(method="eig3", rtol=1e-4)
-    states = eig3_steps(minus_u, solution.steps[1:], 1.0, 0.0)
-    np.testing.assert_allclose(solution.u[1:], states[:, 0], rtol=0, atol=1e-13)
-    np.testing.assert_allclose(solution.v[1:], states[:, 1], rtol=0, atol=1e-13)
-
-
 def test_eig3_with_equal_steps_is_eig3():
     fixed = eig3.integrate(spring, (0, 10), 1.0, 0.0, h=0.125, params=1.0)
     np.testing.assert_allclose(eig3_steps(minus_u, [0.125] * 80, 1.0, 0.0)[:, 0], fixed.u[1:], rtol=0, atol=1e-13)

@@ -94,15 +94,19 @@ def long_ways(h: np.ndarray, speeds: np.ndarray, least: float, first: int = 0) -
     first : int
         The number of the first member.
     """
-    ways = h * speeds
-    i = int(ways.argmax())
-    if not _JUMP * least < ways[i] < math.inf:
+    i = int((h * speeds).argmax())
+    if (shorter := h_without_jumps(h[i], speeds[i], least)) == h[i]:
         return ""
     whose = f" This is member {first + i}." if len(h) > 1 else ""
     return (
-        f"h = {h[i]:g} is long for the contacts: a point moves by {ways[i]:.2g} in a step, and may pass through "
-        f"another that acts on it within {least:.2g} only. Take h = {_SHORT_WAY * least / speeds[i]:.2g}.{whose}"
+        f"h = {h[i]:g} is long for the contacts: a point moves by {h[i] * speeds[i]:.2g} in a step, and may pass "
+        f"through another that acts on it within {least:.2g} only. Take h = {shorter:.2g}.{whose}"
     )
+
+
+def h_without_jumps(h: float, speed: float, least: float) -> float:
+    """Return h, or a shorter step if a point with this speed may pass through another within h."""
+    return _SHORT_WAY * least / speed if _JUMP * least < h * speed < math.inf else h
 
 
 def _steps_between(h: np.ndarray, found: Any) -> np.ndarray:

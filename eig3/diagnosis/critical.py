@@ -156,7 +156,7 @@ def critical_step(
     if isinstance(safety, bool) or not (isinstance(safety, numbers.Real) and 0 < safety <= 1):
         raise ValueError(f"safety must be a number above 0 and up to 1, not {safety!r}.")
     start = Stepper(rhs, u0, v0, h=1.0, t0=t, params=params, method="rk4")  # checks the arguments
-    return critical(start.acceleration, t, start.u, start.v, method, float(safety))
+    return critical(start.evaluator(), t, start.u, start.v, method, float(safety))
 
 
 def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, safety: float = 1.0) -> CriticalStep:
@@ -398,7 +398,7 @@ def _coupled_limit(method: Method, system: Linearised, allowed: float) -> tuple[
     # are tried, because the system can be stable again just beyond a limit.
     steep = [h for h in (_BEYOND * high).tolist() if not is_stable(h, 2 * _COUPLED_ROUND_OFF)]
     shape = _limiting_shape(method, system, max(steep, default=high))
-    k, c = (complex(shape.conj() @ x @ shape) for x in (system.K, system.C))
+    k, c = _oscillator_like(system, shape)
     # With weak damping, the growth beyond a limit is not steep either. But then nothing grows at a shorter step.
     grows_at_every_step = not steep and not is_stable(_SHORTER * high, _COUPLED_ROUND_OFF / 100)
     return 0.0 if grows_at_every_step and not allowed else low, k, c
@@ -416,6 +416,16 @@ def _limiting_shape(method: Method, system: Linearised, h: float) -> np.ndarray:
         values, vectors = np.linalg.eig(system.C)
         shape = vectors[:, np.argmax(np.abs(values))]
     return shape / np.linalg.norm(shape)
+
+
+def _oscillator_like(system: Linearised, shape: np.ndarray) -> tuple[complex, complex]:
+    """Return k and c of the mode with the displacements that are most like a shape, which is not exactly a mode."""
+    rates, vectors = system.modes()
+    shapes = vectors[: len(shape)] / np.linalg.norm(vectors[: len(shape)], axis=0)
+    rate = rates[np.argmax(np.abs(shape.conj() @ shapes))]
+    if rate.imag:
+        return abs(rate) ** 2, -2 * rate.real
+    return complex(shape.conj() @ system.K @ shape), complex(shape.conj() @ system.C @ shape)
 
 
 def _steps(method: Method, system: Linearised, fastest: float) -> list[float]:

@@ -18,7 +18,7 @@ from ..result.labels import Labels
 from ..stepping.stepper import Stepper
 from .critical import CriticalStep, NoStableStepError, growth_by_step, of_linear
 from .linearisation import linearise
-from .singular_position import AT_SINGULAR, is_singular, ways_past
+from .singular_position import AT_SINGULAR, AT_WHOLE_TURN, is_at_whole_turn, is_singular, ways_past
 
 _OVERFLOWING = 1e100  # even a correct right-hand side may overflow for larger states
 _BLOWN_UP = 1e3  # a motion that grows by more than this factor counts as unstable
@@ -54,7 +54,9 @@ class Divergence:
 
     @property
     def message(self) -> str:
-        """Time and degree of freedom at which the state became non-finite, and whether the position is singular."""
+        """Time and degree of freedom at which the state became non-finite, and whether it is singular there."""
+        if is_at_whole_turn(self.last, self.last.h):
+            return f"{self._what}{AT_WHOLE_TURN}."
         looked_for = "a way past it" if self._is_singular else "the reason"
         return f"{self._what}{self._lost}; solution.explain() looks for {looked_for}."
 
@@ -82,6 +84,8 @@ class Divergence:
             The sentence of `message` with the reason.
         """
         last = self.last
+        if is_at_whole_turn(last, last.h):
+            return self.message
         if self._is_singular:
             return f"{self._what}{self._lost}: {ways_past(last, self.t_end)}."
         start = last.restarted(last.h)
@@ -211,7 +215,7 @@ def _growth_by_step(stepper: Stepper) -> float:
     """Return the numerical growth in a step of the linearised system, or infinity if it is unknown."""
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            system = linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v)
+            system = linearise(stepper.evaluator(), stepper.t, stepper.u, stepper.v)
             return growth_by_step(stepper.method, system, stepper.h)
     except Exception:  # rhs overflows or fails close to this state
         return math.inf
@@ -269,7 +273,7 @@ def _last(stepper: Stepper, bad_index: int, is_good: Callable[[Stepper], bool]) 
 def _own_rate(stepper: Stepper) -> float:
     """Return the largest growth rate of the linearised system, per unit of time; 0.0 if nothing grows."""
     try:
-        system = linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v)
+        system = linearise(stepper.evaluator(), stepper.t, stepper.u, stepper.v)
     except Exception:  # for example, rhs is not finite close to this state
         return 0.0
     return max(0.0, float(system.rates().real.max()))
@@ -312,7 +316,7 @@ def _critical_step(stepper: Stepper) -> CriticalStep:
 
     A search may take a quarter of a second, and the members of an ensemble often start as the same linear system.
     """
-    linear = linearise(stepper.acceleration, stepper.t, stepper.u, stepper.v)
+    linear = linearise(stepper.evaluator(), stepper.t, stepper.u, stepper.v)
     if stepper.index > 0:
         return of_linear(linear, stepper.method)
     same, known = (linear.K.tobytes(), linear.C.tobytes()), stepper.system.critical_at_start

@@ -53,8 +53,16 @@ class Linearised:
 
     def rates(self) -> np.ndarray:
         """The rates s of the solutions exp(s t); a conjugate pair is a mode that oscillates."""
+        return np.linalg.eigvals(self._first_order)
+
+    def modes(self) -> tuple[np.ndarray, np.ndarray]:
+        """The rates, and for each a column with the displacements and velocities of its solution."""
+        return np.linalg.eig(self._first_order)  # type: ignore[return-value]
+
+    @property
+    def _first_order(self) -> np.ndarray:
         zero, one = np.zeros_like(self.K), np.eye(len(self.K))
-        return np.linalg.eigvals(np.block([[zero, one], [-self.K, -self.C]]))
+        return np.block([[zero, one], [-self.K, -self.C]])
 
     def fastest(self, count: int) -> Linearised:
         """Project on `count` directions in which K is largest, and as many each for C and for their combination."""

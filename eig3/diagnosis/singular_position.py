@@ -1,5 +1,7 @@
 """Singular positions of mechanisms, at which the constraints depend on each other, and ways past them.
 
+A rotation vector, as of a node of a corotational frame in space, is singular at a whole turn.
+
 A parallelogram of bars is singular where all bars are in line: from there it can move as a parallelogram, or with its
 cranks turning against each other.
 """
@@ -24,8 +26,10 @@ from ..stepping.tolerances import check_tolerances, usual_method
 from ..stepping.variable_stepper import VariableStepper
 
 AT_SINGULAR = ", at a singular position of the mechanism, where its constraints depend on each other"
+AT_WHOLE_TURN = ", where a node has rotated by 2 pi: no run passes this angle, at which rx, ry and rz are singular"
 
 _SINGULAR = 1e-4  # a position with less than this part of the independence at the start is singular
+_NEAR = 1e-6  # relative distance of a run with tolerances from a whole turn, at which its steps are too short
 _AHEAD = 2.0  # steps after the last state within which a singular position is looked for
 _PLACES = 200  # places in them
 _SHORTER = 0.9, 0.7  # parts of the step with which a run may not meet a singular position
@@ -42,6 +46,18 @@ def is_singular(last: Stepper | VariableStepper, h: float) -> bool:
     places = last.u + np.linspace(0.0, _AHEAD * h, _PLACES)[:, None] * last.v
     least = min(_independence(last, last.t, u, constraints.place) for u in places)
     return least < _SINGULAR * _independence(last, last.t0, last.start[0], constraints.place)
+
+
+def is_at_whole_turn(last: Stepper | VariableStepper, h: float) -> bool:
+    """Return whether the rotation vector of a node reaches 2 pi within two steps of the state of a run."""
+    names = last.system.labels.names if last.system.labels else ()
+    kinds, whole = [name[-3:] for name in names], 2 * np.pi
+    turns = [[i, i + 1, i + 2] for i in range(len(names)) if kinds[i : i + 3] == [".rx", ".ry", ".rz"]]
+    if not turns:
+        return False
+    way = _AHEAD * h * last.v
+    before, after = (np.linalg.norm(u[turns], axis=1) for u in (last.u - way, last.u + way))
+    return bool(((before < whole) & (after > (1 - _NEAR) * whole)).any())
 
 
 def ways_past(last: Stepper, t_end: float) -> str:

@@ -1,117 +1,61 @@
 """The effects of scenes, one per file, and the base classes for effects of your own."""
 
-from ..scene.cell import Cell
-from ..scene.constraint import Constraint
-from ..scene.effect import Body, Link, Motion
-from ..scene.frictional_contact import FrictionalContact
-from ..scene.point_joint import PointJoint
-from ..scene.weld import Weld
-from .angle import Angle
-from .bending import Bending
-from .bouc_wen import BoucWen
-from .breaking import Breaking
-from .breaking_string import BreakingString
-from .cable import Cable
-from .coulomb import Coulomb
-from .coulomb_friction import CoulombFriction
-from .dihedral import Dihedral
-from .elastic_plastic import ElasticPlastic
-from .ewald import Ewald
-from .friction_pendulum import FrictionPendulum
-from .gap import Gap
-from .giuffre_menegotto_pinto import GiuffreMenegottoPinto
-from .gravity import Gravity
-from .hardening_spring import HardeningSpring
-from .harmonic_angle import HarmonicAngle
-from .harmonic_force import HarmonicForce
-from .hertz_contact import HertzContact
-from .hertz_mindlin import HertzMindlin
-from .hinge_bending import HingeBending
-from .lead_rubber import LeadRubber
-from .lennard_jones import LennardJones
-from .linear_damper import LinearDamper
-from .linear_spring import LinearSpring
-from .mass_impact import MassImpact
-from .maxwell import Maxwell
-from .morse import Morse
-from .motor import Motor
-from .multilinear import Multilinear
-from .neo_hookean import NeoHookean
-from .plane_contact import PlaneContact
-from .prescribed_distance import PrescribedDistance
-from .quadratic_drag import QuadraticDrag
-from .rigid_stop import RigidStop
-from .rod import Rod
-from .rotating_frame import RotatingFrame
-from .ryckaert_bellemans import RyckaertBellemans
-from .sampled_acceleration import SampledAcceleration
-from .sampled_motion import SampledMotion
-from .slider import Slider
-from .softening_spring import SofteningSpring
-from .st_venant_kirchhoff_membrane import StVenantKirchhoffMembrane
-from .st_venant_kirchhoff_solid import StVenantKirchhoffSolid
-from .support_motion import SupportMotion
-from .tetrahedron import Tetrahedron
-from .torque import Torque
-from .triangle import Triangle
-from .wind_pressure import WindPressure
+from ..scene.cell import Cell as Cell
+from ..scene.constraint import Constraint as Constraint
+from ..scene.effect import Body as Body
+from ..scene.effect import Link as Link
+from ..scene.effect import Motion as Motion
+from ..scene.frictional_contact import FrictionalContact as FrictionalContact
+from ..scene.point_joint import PointJoint as PointJoint
+from ..scene.weld import Weld as Weld
+from .angle import Angle as Angle
+from .bending import Bending as Bending
+from .bouc_wen import BoucWen as BoucWen
+from .breaking import Breaking as Breaking
+from .breaking_string import BreakingString as BreakingString
+from .cable import Cable as Cable
+from .coulomb import Coulomb as Coulomb
+from .coulomb_friction import CoulombFriction as CoulombFriction
+from .dihedral import Dihedral as Dihedral
+from .elastic_plastic import ElasticPlastic as ElasticPlastic
+from .ewald import Ewald as Ewald
+from .friction_pendulum import FrictionPendulum as FrictionPendulum
+from .gap import Gap as Gap
+from .giuffre_menegotto_pinto import GiuffreMenegottoPinto as GiuffreMenegottoPinto
+from .gravity import Gravity as Gravity
+from .hardening_spring import HardeningSpring as HardeningSpring
+from .harmonic_angle import HarmonicAngle as HarmonicAngle
+from .harmonic_force import HarmonicForce as HarmonicForce
+from .hertz_contact import HertzContact as HertzContact
+from .hertz_mindlin import HertzMindlin as HertzMindlin
+from .hinge_bending import HingeBending as HingeBending
+from .lead_rubber import LeadRubber as LeadRubber
+from .lennard_jones import LennardJones as LennardJones
+from .linear_damper import LinearDamper as LinearDamper
+from .linear_spring import LinearSpring as LinearSpring
+from .mass_impact import MassImpact as MassImpact
+from .maxwell import Maxwell as Maxwell
+from .morse import Morse as Morse
+from .motor import Motor as Motor
+from .multilinear import Multilinear as Multilinear
+from .neo_hookean import NeoHookean as NeoHookean
+from .plane_contact import PlaneContact as PlaneContact
+from .prescribed_distance import PrescribedDistance as PrescribedDistance
+from .quadratic_drag import QuadraticDrag as QuadraticDrag
+from .rigid_stop import RigidStop as RigidStop
+from .rod import Rod as Rod
+from .rotating_frame import RotatingFrame as RotatingFrame
+from .ryckaert_bellemans import RyckaertBellemans as RyckaertBellemans
+from .sampled_acceleration import SampledAcceleration as SampledAcceleration
+from .sampled_motion import SampledMotion as SampledMotion
+from .slider import Slider as Slider
+from .softening_spring import SofteningSpring as SofteningSpring
+from .st_venant_kirchhoff_membrane import StVenantKirchhoffMembrane as StVenantKirchhoffMembrane
+from .st_venant_kirchhoff_solid import StVenantKirchhoffSolid as StVenantKirchhoffSolid
+from .support_motion import SupportMotion as SupportMotion
+from .tetrahedron import Tetrahedron as Tetrahedron
+from .torque import Torque as Torque
+from .triangle import Triangle as Triangle
+from .wind_pressure import WindPressure as WindPressure
 
-__all__ = [
-    "Angle",
-    "Bending",
-    "Body",
-    "BoucWen",
-    "Breaking",
-    "BreakingString",
-    "Cable",
-    "Cell",
-    "Constraint",
-    "Coulomb",
-    "CoulombFriction",
-    "Dihedral",
-    "ElasticPlastic",
-    "Ewald",
-    "FrictionPendulum",
-    "FrictionalContact",
-    "Gap",
-    "GiuffreMenegottoPinto",
-    "Gravity",
-    "HardeningSpring",
-    "HarmonicAngle",
-    "HarmonicForce",
-    "HertzContact",
-    "HertzMindlin",
-    "HingeBending",
-    "LeadRubber",
-    "LennardJones",
-    "LinearDamper",
-    "LinearSpring",
-    "Link",
-    "MassImpact",
-    "Maxwell",
-    "Morse",
-    "Motion",
-    "Motor",
-    "Multilinear",
-    "NeoHookean",
-    "PlaneContact",
-    "PointJoint",
-    "PrescribedDistance",
-    "QuadraticDrag",
-    "RigidStop",
-    "Rod",
-    "RotatingFrame",
-    "RyckaertBellemans",
-    "SampledAcceleration",
-    "SampledMotion",
-    "Slider",
-    "SofteningSpring",
-    "StVenantKirchhoffMembrane",
-    "StVenantKirchhoffSolid",
-    "SupportMotion",
-    "Tetrahedron",
-    "Torque",
-    "Triangle",
-    "Weld",
-    "WindPressure",
-]
+__all__ = sorted(name for name in globals() if name[0].isupper())

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import functools
-import re
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..functions.callbacks import jit
-from ..kernels.compile.source import Writer, define
-from ..scene.effect import RATE, Link, arguments, distance
-from ..scene.of_law import OfLaw, has_state
+from ..scene.effect import RATE, Arrays, Columns, Link, arguments, distance
+from ..scene.of_law import OfLaw, call_of, calling, has_state
 from ..scene.placed import Placed
 
 _LIMITS = "max_stretch", "min_stretch", "max_force", "max_energy"
@@ -79,13 +76,11 @@ class Breaking(OfLaw, Link):
             sign, wanted = (-1, "negative") if name == "min_stretch" else (1, "positive")
             self.require(sign * self._reals(name) > 0, f"{name} must be {wanted}")
 
-    def check_points(
-        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
-    ) -> None:
+    def check_points(self, masses: Arrays, positions: Arrays, columns: Columns) -> None:
         super().check_points(masses, positions, columns)
         self.check_whole(columns, distance(positions))
 
-    def check_whole(self, columns: dict[str, np.ndarray], stretches: np.ndarray) -> None:
+    def check_whole(self, columns: Columns, stretches: np.ndarray) -> None:
         """Refuse links that have reached a limit at the start, for their r."""
         placed = Placed(self, columns)
         for k, r in enumerate(stretches.tolist()):
@@ -119,65 +114,26 @@ class Breaking(OfLaw, Link):
 @functools.lru_cache(256)
 def _breaking(inner: tuple[tuple[str, Any], ...], size: int, limits: tuple[str, ...], has_rest: bool) -> Any:
     """Return the functions that call a law. The same law gives the same functions, so scenes share their code."""
-    text = _Text(dict(inner), size, limits, has_rest)
-    defined = define(text.source(), "breaking", {"__name__": __name__, **{f"law_{name}": f for name, f in inner}})
-    return tuple((name, jit(defined[name])) for name in text.names)
-
-
-class _Text(Writer):
-    """Writes the functions."""
-
-    def __init__(self, inner: dict[str, Any], size: int, limits: tuple[str, ...], has_rest: bool) -> None:
-        super().__init__()
-        self._inner, self._limits, self._has_energy = inner, limits, "max_energy" in limits
-        self._entries = [f"state[{k}]" for k in range(size)] if size > 1 else ["state"]
-        self._of_law = self._entries[1 + self._has_energy :]
-        self._stretch = "(r - rest_length)" if has_rest else "r"
-        self._pulls = [name for name in ("tension", "force_density") if name in inner]
-        self._force = " + ".join(self._call(name) + " * r" * (name == "force_density") for name in self._pulls)
-        self.names: list[str] = []
-
-    def source(self) -> str:
-        broken = self._entries[0]
-        for name in (*self._pulls, "potential"):
-            if name in self._inner:
-                self._write(name, f"return (1 - {broken}) * {self._call(name)}")
-        values = {"max_force": f"({self._force})", "max_energy": self._entries[self._has_energy]}
-        parts = [f"{values.get(name, self._stretch)} / {name} - 1" for name in self._limits]
-        most = f"max({', '.join(parts)})" if len(parts) > 1 else parts[0]
-        self._write("event", f"return {most} if {broken} == 0 else -1.0")
-        self._write("state_after", f"return {', '.join(['1.0', *self._entries[1:]])}")
-        if self._has_energy or RATE in self._inner:
-            self._rates()
-        return str(self)
-
-    def _rates(self) -> None:
-        """Write the rates of the energy and of the state of the law, which are 0 after the break."""
-        rates, lines = ["0.0"], [f"is_whole = 1 - {self._entries[0]}"]
-        if self._has_energy:
-            rates.append(f"is_whole * rate * ({self._force})")
-        if RATE in self._inner:
-            lines.append(f"law_rates = {self._call(RATE)}")
-            count = len(self._of_law)
+    law, has_energy = dict(inner), "max_energy" in limits
+    broken, *others = [f"state[{k}]" for k in range(size)] if size > 1 else ["state"]
+    of_law = others[has_energy:]
+    state = of_law[0] if len(of_law) == 1 else f"({', '.join(of_law)})"
+    calls = {name: call_of(name, f, state) for name, f in inner}
+    pulls = [name for name in ("tension", "force_density") if name in law]
+    force = " + ".join(calls[name] + " * r" * (name == "force_density") for name in pulls)
+    lines = {name: [f"return (1 - {broken}) * {calls[name]}"] for name in (*pulls, "potential") if name in law}
+    values = {"max_force": f"({force})", "max_energy": others[0] if has_energy else ""}
+    parts = [f"{values.get(name, '(r - rest_length)' if has_rest else 'r')} / {name} - 1" for name in limits]
+    most = f"max({', '.join(parts)})" if len(parts) > 1 else parts[0]
+    lines["event"] = [f"return {most} if {broken} == 0 else -1.0"]
+    lines["state_after"] = [f"return {', '.join(['1.0', *others])}"]
+    if has_energy or RATE in law:  # the rates of the energy and of the state of the law, which are 0 after the break
+        rates = ["0.0", *[f"is_whole * rate * ({force})"] * has_energy]
+        lines[RATE] = [f"is_whole = 1 - {broken}"]
+        if RATE in law:
+            lines[RATE].append(f"law_rates = {calls[RATE]}")
+            count = len(of_law)
             rates += ["is_whole * law_rates"] if count == 1 else [f"is_whole * law_rates[{k}]" for k in range(count)]
-        self._write(RATE, *lines, f"return {', '.join(rates)}")
-
-    def _call(self, name: str) -> str:
-        state = self._of_law[0] if len(self._of_law) == 1 else f"({', '.join(self._of_law)})"
-        return f"law_{name}({', '.join(state if x == 'state' else x for x in arguments(self._inner[name]))})"
-
-    def _write(self, name: str, *lines: str) -> None:
-        """Write a function; its arguments are those names in its lines that it can take."""
-        known = {
-            "t",
-            "r",
-            "rate",
-            "state",
-            "rest_length",
-            *self._limits,
-            *(x for f in self._inner.values() for x in arguments(f)),
-        }
-        words = dict.fromkeys(re.findall(r"\w+", " ".join(lines)))
-        with self.block(f"def {name}({', '.join(word for word in words if word in known)})"):
-            self.line(*lines)
-        self.names.append(name)
+        lines[RATE].append(f"return {', '.join(rates)}")
+    known = {"t", "r", "rate", "state", "rest_length", *limits, *(x for f in law.values() for x in arguments(f))}
+    return calling(law, lines, known, "breaking", {"__name__": __name__})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..kernels.compile.jit import element
@@ -114,7 +115,7 @@ class LennardJones(Shifted):
 
     def of_groups(self, groups):
         """Return the link that computes the shift of each pair if the points differ."""
-        if not self._differs("epsilon", "sigma"):
+        if not np.ptp(self._reals("epsilon")) and not np.ptp(self._reals("sigma")):
             return self
         mixture = copy.copy(self)
         object.__setattr__(mixture, "_is_mixture", True)  # the record is frozen

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..scene.constraint import Constraint, Equation
+from ..scene.effect import Arrays, Columns
 
 
 class OfDistance(Constraint):
@@ -19,9 +20,7 @@ class OfDistance(Constraint):
         length = float(values.get("length", np.linalg.norm(points[1] - points[0])))
         return [Equation(way, way, 1 / (2 * length), length * length)]
 
-    def check_points(
-        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
-    ) -> None:
+    def check_points(self, masses: Arrays, positions: Arrays, columns: Columns) -> None:
         super().check_points(masses, positions, columns)
         if (positions[0] == positions[1]).all(axis=-1).any():
             raise ValueError(f"{self.title} has no direction where its ends coincide: take a PointJoint, or one point.")

@@ -35,10 +35,6 @@ class Shifted(Link):
     def needs_direction(self, columns):
         return True
 
-    def _differs(self, *names):
-        """Return whether one of these fields has different values."""
-        return any(np.ptp(self._reals(name)) > 0 for name in names)
-
     def _shift(self, tension, potential, *given):
         """Compute the tension and the potential at the cutoff from functions of the cutoff and of fields."""
         if self.cutoff is None:

@@ -1,12 +1,15 @@
-"""The notes about the fixed steps of members, from the results of all of them."""
+"""The notes about the steps and the angles of members, from the results of all of them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from ..diagnosis.coarseness import coarse_events, links_of, long_ways
+from ..diagnosis.half_turns import half_turns
 from ..diagnosis.stiffness import VERY_MANY_STEPS
 from ..functions.companions import mark
 from ..result.solution import Status
@@ -20,7 +23,8 @@ _MOST = 8  # members whose critical step is found, which takes longer than a tho
 
 
 def add_step_notes(solution: EnsembleSolution, single: Singles, members: Members, options: RunOptions) -> None:
-    """Add the notes on contacts and on growth that single runs have."""
+    """Add the notes on angles, contacts and growth that single runs have."""
+    solution.notes += (*islice(_half_turns(solution, single.rhs, members), 1),)
     if options.tolerances:
         return
     notes = []
@@ -33,6 +37,18 @@ def add_step_notes(solution: EnsembleSolution, single: Singles, members: Members
     if np.maximum.reduce(members.n_steps) >= VERY_MANY_STEPS:  # the search takes far longer than a short ensemble
         notes.append(_instability(solution, single, members))
     solution.notes += (*filter(None, notes),)
+
+
+def _half_turns(solution: EnsembleSolution, rhs: Any, members: Members) -> Iterator[str]:
+    """Describe the angles of members that pass half a turn, if a torque jumps there."""
+    angles = mark(rhs, "angles")
+    if not angles or solution.u.shape[1] < 3:  # the start and the end alone do not show it
+        return
+    params = np.atleast_2d(members.params)
+    for i, count in enumerate(solution._n_rows().tolist()):
+        rows = solution.t[i, :count], solution.u[i, :count], solution.v[i, :count]
+        for note in half_turns(angles, params[i % len(params)], *rows):
+            yield f"{note} This is member {members.first + i}."
 
 
 def _instability(solution: EnsembleSolution, single: Singles, members: Members) -> str:

@@ -76,6 +76,24 @@ class Cutoffs(NamedTuple):
         return np.max([np.abs(np.atleast_2d(each)[:, : self.degrees]).max(axis=1) for each in v], axis=0)
 
 
+class Angles(NamedTuple):
+    """The angles of a right-hand side from -pi to pi, at whose ends a torque may jump.
+
+    Attributes
+    ----------
+    degrees : ndarray of int
+        The degrees of freedom of unit vectors, which change if a body turns.
+    names : tuple of str
+        The name of the law of each angle.
+    function : jitted function
+        A function of (t, u, v, p, a) that writes each angle into a: 0 if the torque does not jump.
+    """
+
+    degrees: np.ndarray
+    names: tuple[str, ...]
+    function: Any
+
+
 def mark(rhs: Any, name: str) -> Any:
     """Return an attribute of the Python function that others bind to named parameters or unknowns, or None."""
     function: Any = getattr(rhs, "py_func", None)

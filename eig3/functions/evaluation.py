@@ -12,12 +12,15 @@ from .guard import guarded
 _CHUNK_VALUES = 2**18  # values in the states of one call, after which Python can handle Ctrl-C
 
 
-def accelerations(rhs: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def accelerations(
+    rhs: Callback, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray, count: int | None = None
+) -> np.ndarray:
     """Evaluate f(t_i, u_i, v_i) at each row of u and v; an entry that rhs does not write is NaN.
 
-    The call copies the params, because a scene stores neighbour lists in them.
+    The call copies the params, because a scene stores neighbour lists in them. `count` is the number of values that a
+    function with the arguments of rhs writes, if it is not n.
     """
-    a = np.full(u.shape, np.nan)
+    a = np.full(u.shape if count is None else (len(u), count), np.nan)
     _evaluate(rhs, "rhs", params, t, u, v, a)
     return a
 

@@ -182,7 +182,7 @@ class Pilots:
         `longest` is the longest stable step as a multiple of the shortest time constant of the linearised system.
         """
         span = self.part * self.span
-        f = self._stepper(method, span).acceleration
+        f = self._stepper(method, span).evaluator()
         rates = fast_rates(f, self.window[0], self._u0, self._v0, span / FEWEST)
         return FEWEST * 2 ** math.ceil(math.log2(max(1.0, np.abs(rates).max() / longest)))
 
@@ -236,7 +236,7 @@ class Pilots:
     @property
     def acceleration(self) -> Callable[[float, Any, Any], Any]:
         """The function f(t, u, v)."""
-        return self._stepper(EIG3(), self.span).acceleration
+        return self._stepper(EIG3(), self.span).evaluator()
 
     def forget_survey(self) -> None:
         """Discard the states of runs of the whole span, because they are unstable."""

@@ -30,6 +30,7 @@ _LARGEST_RTOL = 1e-2
 _FAR_BELOW = 0.1  # with a smaller error, relative to the accuracy, later calls begin with a larger tolerance,
 _LARGER = 100.0  # by at most this factor
 _STEPS = 1000  # of the first run of a method with a fixed step
+_MANY = 1e7  # most steps of a run in which no point passes through another
 LEAST = RATIO * LEAST_RTOL  # a run with a smaller tolerance has no finer run
 MOST_RUNS = 12
 LEAST_GAIN = 0.7  # a refined run whose error is a larger fraction of the best error does not converge,
@@ -326,15 +327,21 @@ class _Search:
             return value * _SHORTEN if is_unstable and self._may_run(seconds / _SHORTEN) else None
         miss = self.goal.miss(solution)
         is_lost = self.knob == "h" and solution.reliable_until is not None
-        self.reached = miss <= 1
+        if miss <= 1:
+            run = solution._extend() if self.knob == "h" and solution._extend else None
+            shorter = run.h_without_jumps / solution.h if run else 1.0
+            self.reached = shorter == 1
+            self.runs.append((miss if self.reached else math.inf, solution))
+            if self.reached or not self._may_run(seconds / shorter):
+                return None
+            self.reason = f"a point may pass through another in a step of more than {shorter * value:.2g}"
+            return shorter * value if solution.n_steps <= shorter * _MANY else None
         if is_lost and not self._is_of_drift:
             self._stalled = self._stalls_in_chaos(solution, value)
         else:
             self._stalled += any(miss > LEAST_GAIN * each for each, _ in self.runs)
         self.runs.append((miss, solution))
         least = LEAST if self.knob == "rtol" else 0.0
-        if self.reached:
-            return None
         if self._stalled >= MOST_STALLED or value <= least:
             self.reason = ""
             return None

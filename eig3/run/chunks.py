@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from os import PathLike
@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.drift import excess, growth
+from ..diagnosis.half_turns import half_turns
 from ..functions.checks import check_cancel, check_flag
+from ..functions.companions import mark
 from ..functions.evaluation import accelerations
 from ..functions.events import Event
 from ..kernels.compile.interrupt import DeferredInterrupt
@@ -374,7 +376,14 @@ class Run:
 
     def all_notes(self) -> tuple[str, ...]:
         """Sentences that the user should read."""
-        return (*self._notes(), *self._idle_notes(), *self.stepper.notes)
+        return (*self._notes(), *self._half_turns(), *self._idle_notes(), *self.stepper.notes)
+
+    def _half_turns(self) -> Iterator[str]:
+        """Describe an angle between two bodies that passes half a turn, if a torque jumps there."""
+        rows, angles = self.saved, mark(self.stepper.system.rhs, "angles")
+        if rows and angles:
+            t = rows["t"] if "t" in rows else self._grid(len(rows["u"]))
+            yield from half_turns(angles, self.stepper.params, t, rows["u"], rows["v"])
 
     def _idle_notes(self) -> list[str]:
         """Return a sentence about each event of the user whose `apply` never changed the state."""

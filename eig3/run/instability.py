@@ -34,7 +34,7 @@ def instability(stepper: Stepper, n_steps: int) -> str:
     if stepper.n > _MOST_DEGREES:
         return ""
     try:
-        system = linearise(stepper.acceleration, stepper.t0, *stepper.start)
+        system = linearise(stepper.evaluator(), stepper.t0, *stepper.start)
         first_order = stepper.system.first_order.is_read
         if not first_order and n_steps * growth_by_step(stepper.running, system, stepper.h) < _SEEN:
             return ""  # the search for the critical step takes a hundred times as long

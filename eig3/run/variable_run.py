@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnosis.singular_position import AT_SINGULAR, is_singular
+from ..diagnosis.singular_position import AT_SINGULAR, AT_WHOLE_TURN, is_at_whole_turn, is_singular
 from ..diagnosis.stiffness import MANY_STEPS, STATES, VERY_MANY_STEPS, stiffness, vibration
 from ..functions.checks import check_count, check_time, reals
 from ..functions.guard import guarded
@@ -208,6 +208,8 @@ class VariableRun(Run):
         why = (
             f"{AT_SINGULAR}: begin after it, or change the mechanism so that it does not come there."
             if is_singular(stepper, stepper.h)
+            else f"{AT_WHOLE_TURN}."
+            if is_at_whole_turn(stepper, stepper.h)
             else ": the motion may be singular there, rhs may jump or be NaN, or rtol and atol may be too small"
             f"{relative}."
         )
@@ -285,6 +287,11 @@ class VariableRun(Run):
                 f"The acceleration was zero up to t = {end:.4g}, and rhs reads t: the steps were held short, but a "
                 f"load that acts for less than {step:.2g} there may have been jumped over; h_max sets the longest step."
             )
+        if stepper.index >= VERY_MANY_STEPS and (held := stepper.held):
+            notes.append(
+                "A short contact distance or cutoff limits the steps, and not rtol: no point moves further than an "
+                f"eighth of it, {held:.2g}, in a step, so that none passes through another. h_max replaces this limit."
+            )
         notes += [_NO_BOUND] * bool(stepper.system.history)
         stiff = self._stiffness()
         return [*notes, stiff] if stiff else notes
@@ -296,7 +303,7 @@ class VariableRun(Run):
         may_vibrate = stepper.index >= VERY_MANY_STEPS and stepper.n > 1
         if stepper.system.history or not (may_be_stiff or may_vibrate):
             return ""
-        given = stepper.running, stepper.acceleration, [*self._states_of_steps()]
+        given = stepper.running, stepper.evaluator(), [*self._states_of_steps()]
         return (may_be_stiff and stiffness(*given, "rtol")) or (may_vibrate and vibration(*given)) or ""
 
     def _states_of_steps(self) -> Iterator[tuple[float, Any, Any, float]]:

@@ -369,21 +369,20 @@ def numbered(cloud: Cloud, placed: Sequence[Placed]) -> tuple[list[Placed], list
     Return the names of the events and of their states too, and the numbers of states that have a rate, by name.
     """
     count, dimension = cloud.material.size, cloud.positions.shape[1]
+    each = [(law, words(law.effect.title), law.points[0].size if law.points else count) for law in placed]
     found: list[Placed] = []
     events: list[str] = []
     states: list[str] = []
     counts: Counter[str] = Counter()
     rates: Counter[str] = Counter()
-    for law in placed:
+    for law, title, size in each:
         if RATE in law.effect.functions():
-            rates[words(law.effect.title)] += law.effect.state_size * (law.points[0].size if law.points else count)
+            rates[title] += law.effect.state_size * size
     firsts = dict(zip(rates, np.cumsum([0, *rates.values()]).tolist(), strict=False))
-    for law in placed:
+    for law, title, size in each:
         effect, functions = law.effect, law.effect.functions()
         columns = dict(law.columns if law.points else effect.columns((count,), dimension))
         if "event" in functions:
-            size = law.points[0].size if law.points else count
-            title = words(effect.title)
             names = [f"{title} {counts[title] + k}" for k in range(size)]
             counts[title] += size
             columns[EVENT] = len(events) + np.arange(size)
@@ -393,16 +392,10 @@ def numbered(cloud: Cloud, placed: Sequence[Placed]) -> tuple[list[Placed], list
                 columns[STATE] = len(states) + len(numbers) * np.arange(size)
                 states += names if len(numbers) == 1 else [f"{name} {k}" for name in names for k in numbers]
         if RATE in functions:
-            title, size = words(effect.title), law.points[0].size if law.points else count
             columns[STATE] = firsts[title] + effect.state_size * np.arange(size)
             firsts[title] += effect.state_size * size
         found.append(replace(law, columns=columns))
     return found, events, states, dict(rates)
-
-
-def count_states(cloud: Cloud, placed: Sequence[Placed]) -> int:
-    """Return the number of states of a scene."""
-    return len(numbered(cloud, placed)[2])
 
 
 @dataclass(frozen=True, eq=False)

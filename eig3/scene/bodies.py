@@ -20,7 +20,7 @@ from ..keywords import with_suggestions
 from .constraint import Constraint, Equation
 from .description import Description, Points
 from .effect import Link
-from .hinge_friction import HingeFriction, HingeFrictionInSpace
+from .hinge_friction import HingeFriction
 from .hinge_motor import HingeMotor
 from .joint_law import HingeLaw, HingeLawInSpace
 from .point_joint import PointJoint
@@ -197,12 +197,12 @@ class RigidBody:
         torque : jitted function
             ``torque(t)`` or ``torque(t, angle, rate)``, N m. The angle is the rotation relative to the other body since
             the start, from -pi to pi, rad; the rate is in rad/s. It has no parameters: for gains that differ between
-            the members of an ensemble, give `torsional_spring` a `Link` with fields, whose tension is minus the torque.
+            the members of an ensemble, or for an angle of whole turns, give `torsional_spring` a `Link` with fields,
+            whose tension is minus the torque.
         axis : array_like, shape (3,), optional
             In space, the axis of the torque.
         """
-        kind = HingeLaw if axis is None else HingeLawInSpace
-        self.scene.add(kind(HingeMotor(torque)), *self._about(other, axis, "a motor"))
+        self._add_law(HingeMotor(torque), other, axis, "a motor")
 
     def torsional_spring(self, other: RigidBody | None, law: Link, axis: ArrayLike | None = None) -> None:
         """Add a link of `eig3.effects` for the angle of the body relative to another body, or to the ground.
@@ -216,7 +216,9 @@ class RigidBody:
         other : RigidBody or None
         law : Link
             The angle is 0 at the start, and from -pi to pi; ``rest_length`` is an angle too, and may be negative. A
-            body that turns past half a turn gets the torque of the angle less a whole turn: it jumps there.
+            body that turns past half a turn gets the torque of the angle less a whole turn: it jumps there, and a note
+            says so if the saved states show it. For a torque that depends on whole turns, take a `Link` whose state is
+            the angle: its ``state_rate`` returns rate, and its ``tension`` reads state in place of r.
         axis : array_like, shape (3,), optional
             In space, the axis of the joint; the angle is positive by the right-hand rule.
 
@@ -225,8 +227,7 @@ class RigidBody:
         TypeError, ValueError
             For what is not a link along one line, for impacts, and for a ``rest_length`` of half a turn or more.
         """
-        kind = HingeLaw if axis is None else HingeLawInSpace
-        self.scene.add(kind(law), *self._about(other, axis, "a torsional spring"))
+        self._add_law(law, other, axis, "a torsional spring")
 
     def friction(
         self,
@@ -255,9 +256,11 @@ class RigidBody:
             The rate at which Coulomb friction reaches 0.71 of its limit, rad/s. At lower rates it acts as a stiff
             damper: an explicit method then needs a short step, and the joint creeps where it should stick.
         """
-        vectors = self._about(other, axis, "friction")
-        kind = HingeFriction if axis is None else HingeFrictionInSpace
-        self.scene.add(kind(limit, damping, regularization_speed), *vectors)
+        self._add_law(HingeFriction(limit, damping, regularization_speed), other, axis, "friction")
+
+    def _add_law(self, law: Link, other: RigidBody | None, axis: ArrayLike | None, what: str) -> None:
+        kind = HingeLaw if axis is None else HingeLawInSpace
+        self.scene.add(kind(law), *self._about(other, axis, what))
 
     def _about(self, other: RigidBody | None, axis: ArrayLike | None, what: str) -> tuple[Points, ...]:
         """Return a vector normal to an axis for each body, and in space the axis as a vector of the other body."""
@@ -291,12 +294,8 @@ class RigidBody:
             return (e[..., 0] * rates[..., 1] - e[..., 1] * rates[..., 0]).mean(axis=-1)
         return np.cross(e, rates).sum(axis=-2) / 2
 
-    def _turned(self) -> np.ndarray:
-        """The rotation at the start."""
-        return np.asarray(self.axes.position.T @ self.principal.T)
-
     def _local(self, vectors: np.ndarray) -> np.ndarray:
-        return vectors @ self._turned()
+        return np.asarray(vectors @ (self.axes.position.T @ self.principal.T))
 
     def _facing(self, vector: np.ndarray) -> Points:
         """Return the vector of the body that equals a given vector at the start."""

@@ -22,14 +22,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..functions.callbacks import jit
-from ..functions.companions import Constraints, Cutoffs, History
+from ..functions.companions import Angles, Constraints, Cutoffs, History
 from ..functions.events import EffectEvent, Event
 from ..functions.families import Family
 from ..functions.records import Records
 from ..kernels import team
 from ..kernels.compile.jit import code_address, with_symbol
 from ..kernels.compile.source import define
-from ..kernels.constraint_lanes import UnrolledConstraints
 from ..kernels.constraints import FUNCTION_OF_SCENE
 from ..kernels.neighbours import bounds, memory
 from ..kernels.protocol import index
@@ -38,7 +37,7 @@ from ..stepping.team import Shares
 from .assembly import STATE, Assembly
 from .bodies_text import BodiesText
 from .constraint_text import ConstraintText
-from .effect import FORCES, RESETS, Effect
+from .effect import FORCES, JUMPING, RESETS, Effect
 from .frictional_contact import FrictionalContact
 from .grains_text import GrainsText
 from .group_text import MassesText
@@ -54,10 +53,8 @@ from .text import BlockText, Text, added
 #: takes less time than another core needs to fetch its ends, which the thread of the run has just moved.
 _SHARED, _SHARED_CELLS = 2000, 5000
 
-_TINY = (
-    2.0**-1000
-)  # added under a root to avoid a division by 0 where points coincide; too small to change other values
-
+# added under a root to avoid a division by 0 where points coincide; too small to change other values
+_TINY = 2.0**-1000
 
 G = TypeVar("G", MassesText, LinksText)
 
@@ -83,6 +80,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
     if writing.grains:
         writing.history()
     writing.events()
+    writing.angles()
     text, names = source.named()
     functions = _functions(text, tuple(names.items()))
     if source.team is not None:
@@ -92,32 +90,28 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
     is_of_points = assembly.dimension > 1 and not assembly.cloud.bodies.vectors  # on a line, none passes another
     if source.cutoffs and is_of_points:
         functions["rhs"].py_func.cutoffs = Cutoffs(assembly.n * assembly.dimension, tuple(source.cutoffs))
+    if writing.jumping:
+        functions["rhs"].py_func.angles = writing.angles_of(functions)
+    functions["rhs"].py_func.reads_time = assembly.depends_on_time  # the code passes t on, and grains read differences
     functions["rhs"].py_func.left_out = np.array(source.left_out, dtype=int)
     if assembly.constraints:
-        keeping = functions["projection"], functions["constrained_step"]
-        place = writing.place_of_constraints
-        functions["rhs"].py_func.constraints = Constraints(*keeping, place, writing.unrolled(functions))
+        functions["rhs"].py_func.constraints = writing.constraints_of(functions)
     if writing.grains:
         places = tuple(text.springs for text in writing.grains)
-        functions["rhs"].py_func.reads_time = assembly.depends_on_time  # besides the time since the last step
         functions["rhs"].py_func.history = History(functions["begin"], functions["advance"], places)
     if assembly.rates:
         for name in functions.keys() & {"rhs", "energy", "reactions"}:
             functions[name].py_func.reads_z = True  # it takes first-order unknowns in the form of kernels
     reactions = assembly.constraints
+    units = tuple(reactions.units) if reactions else ()
     return {
         "rhs": functions["rhs"],
         "energy": functions.get("energy"),
         "events": writing.events_of(functions, assembly.events),
         "outputs": {"reactions": (functions["reactions"], reactions.rows)} if reactions else {},
-        "output_units": {"reactions": _common(reactions.units)} if reactions else {},
+        "output_units": {"reactions": units[0] if len({*units}) == 1 else units} if reactions else {},
         "params": source.params,
     }
-
-
-def _common(units: list[str]) -> str | tuple[str, ...]:
-    """Return the unit of all values, or the units of each."""
-    return units[0] if len({*units}) == 1 else (*units,)
 
 
 @functools.lru_cache(maxsize=256)
@@ -179,23 +173,21 @@ class _Functions(Text):
         self._suffix = self._bodies_text.suffix
         self._rhs_name = f"forces{self._suffix}" if assembly.constraints else "rhs"
         self._own_masses = assembly.own
+        vectors = [assembly.cloud.free[i] for i in assembly.cloud.bodies.vectors if assembly.cloud.is_own[i]]
+        self._turning = np.add.outer(assembly.own * np.arange(assembly.dimension), vectors).astype(int).ravel()
         self._occurring: list[Symbols] = []  # the laws with events, by the number in the names of their functions
+        self.jumping = [mesh for mesh in self._meshes if mesh.having(JUMPING)]
 
     # The functions
 
-    @property
-    def place_of_constraints(self) -> int:
-        """The place of their table in p."""
-        assert self._constraints
-        return self._constraints.place
-
-    def unrolled(self, functions: dict[str, Any]) -> UnrolledConstraints | None:
-        """Return few constraints as lines for lanes, and register the function of the reactions for lanes."""
-        text = self._constraints and self._constraints.unrolled
-        if not text:
-            return None
-        functions["reactions"].py_func.in_lanes = functions["reactions_in_lanes"]
-        return text.unrolled(functions["forces"])
+    def constraints_of(self, functions: dict[str, Any]) -> Constraints:
+        """Return the constraints from the compiled functions; few of them also as lines for lanes."""
+        text, unrolled = self._constraints, None
+        assert text
+        if text.unrolled:
+            functions["reactions"].py_func.in_lanes = functions["reactions_in_lanes"]
+            unrolled = text.unrolled.unrolled(functions["forces"])
+        return Constraints(functions["projection"], functions["constrained_step"], text.place, unrolled)
 
     def parts(self) -> None:
         """Write the functions that others call: the positions of the corners of cells, and the work of threads."""
@@ -314,6 +306,22 @@ class _Functions(Text):
             for s, number in enumerate(law.events):
                 found[names[number]] = EffectEvent(g[s], effect.crossing, False, apply[s], *rule)
         return {name: found[name] for name in names}  # in the order in which the effects were added
+
+    def angles(self) -> None:
+        """Write the function of the angles of the laws whose torque may jump at half a turn."""
+        if self.jumping:
+            with self._function(f"angles{self._suffix}(t, u, v, p, a)"):
+                for k, mesh in enumerate(self.jumping):
+                    mesh.angles(sum(other.size for other in self.jumping[:k]))
+            if self._suffix:
+                with self._function("angles(t, u, v, p, a)"):
+                    self._bodies_text.value("angles_of_all(t, everywhere, speeds, p, a)")
+
+    def angles_of(self, functions: dict[str, Any]) -> Angles:
+        """Return the names and the function of these angles, and the degrees of freedom that show how bodies turn."""
+        titles = [mesh.laws[0].effect.title for mesh in self.jumping for _ in range(mesh.size)]
+        names = [f"{title} {titles[:k].count(title)}" for k, title in enumerate(titles)]
+        return Angles(self._turning, tuple(names), functions["angles"])
 
     # The parts of these functions
 

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numba.types import unliteral
 
-from .effect import REAL, Effect, arguments
+from .effect import REAL, Arrays, Columns, Effect, arguments
 
 #: The imaginary part for the complex-step derivative of phi: its square is negligible relative to 1.
 TINY = 1e-100
@@ -94,9 +94,7 @@ class Constraint(Effect):
     def reads_velocity(self) -> bool:
         return True
 
-    def check_points(
-        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
-    ) -> None:
+    def check_points(self, masses: Arrays, positions: Arrays, columns: Columns) -> None:
         if np.all([m == 0 for m in masses], axis=0).any():
             raise ValueError(f"{self.title} joins fixed points only, which do not move.")
 

@@ -75,8 +75,13 @@ class ConstraintSystem:
 
 def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintSystem:
     """Collect the constraints of a scene."""
-    _check_still(placed)
     laws = [law for law in placed if isinstance(law.effect, Constraint)]
+    moved = np.concatenate([[], *(law.points[0] for law in placed if isinstance(law.effect, Motion))])
+    for law in laws:
+        if np.isin(np.concatenate(law.points), moved).any():
+            raise ValueError(
+                f"{law.effect.title} takes fixed points that no motion moves: move a mass with a PrescribedDistance."
+            )
     arms: list[Arm] = []
     rows: list[Row] = []
     names: list[str] = []
@@ -141,16 +146,6 @@ def _name(cloud: Any, constraint: str, points: Sequence[int]) -> str:
     of_others = ["mass" if cloud.masses[point] else "ground" for point in points]
     whose = [of if body is None else f"body {body}" for body, of in zip(bodies, of_others, strict=True)]
     return f"{cloud.bodies.joints.get(points[0], constraint)} ({', '.join(sorted(set(whose)))})"
-
-
-def _check_still(placed: Sequence[Placed]) -> None:
-    """Refuse constraints on fixed points that a motion moves."""
-    moved = [law.points[0] for law in placed if isinstance(law.effect, Motion)]
-    for law in (law for law in placed if isinstance(law.effect, Constraint)):
-        if moved and np.isin(np.concatenate(law.points), np.concatenate(moved)).any():
-            raise ValueError(
-                f"{law.effect.title} takes fixed points that no motion moves: move a mass with a PrescribedDistance."
-            )
 
 
 def _arm(cloud: Any, points: Sequence[int], factors: Any, constant: np.ndarray) -> Arm:

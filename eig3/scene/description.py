@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike
 
 from ..functions.checks import check_count, reals
 from ..keywords import with_suggestions
-from .assembly import Bodies, Cloud, count_states
+from .assembly import Bodies, Cloud, numbered
 from .body_torque import BodyTorque
 from .bonds import check_orders
 from .cell import same_points
 from .effect import Body, Effect, Link, arguments
 from .frictional_contact import FrictionalContact
 from .pair_force import PairForce, check_pair_force
+from .picture import Places
 from .placed import Placed, moves
 from .point_joint import PointJoint
 
@@ -153,7 +154,9 @@ class Description:
         if self._shear and not (self.dimension > 1 and (self._box[:2] > 0).all()):
             raise ValueError("shear needs a box with sides along x and y, such as box=(1.0, 1.0).")
         self._pair_forces: list[PairForce] = []
-        self._parts: list[Any] = []  # masses, positions, velocities, positions at rest, in the order of numbers
+        none = np.empty((0, self.dimension))
+        # masses, positions, velocities, positions at rest, inertias and spins, in the order of numbers
+        self._parts: list[Any] = [(none[:, 0], none, none, none, none[:, 0], np.empty((0, _ANGLES[self.dimension])))]
         self._count = 0
         self._placed: list[Placed] = []
         self._bodies = Bodies.none()
@@ -354,9 +357,6 @@ class Description:
         """Return all points. Their arrays are joined here, because points may be added one by one."""
         if len(self._parts) > 1:
             self._parts = [tuple(np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))]
-        if not self._parts:
-            none = np.empty((0, self.dimension))
-            return Cloud(np.empty(0), none, none, none, self._box, self._shear, np.empty(0), none[:, :0], self._bodies)
         masses, positions, velocities, rest, inertia, spins = self._parts[0]
         spins = spins if inertia.any() else spins[:, :0]
         given = self._box, self._shear, inertia, spins, self._bodies
@@ -419,27 +419,27 @@ class Description:
     ) -> np.ndarray:
         """Return the values of points, or of their angles; for fixed points the position, or its rate for rate=1."""
         values, cloud = np.asarray(given, dtype=np.float64), self._cloud()
-        free, kinds = cloud.free, cloud.spins.shape[1]
+        kinds, is_fixed = cloud.spins.shape[1], cloud.free[numbers] < 0
         if angles and not kinds:
             raise ValueError("no mass of the scene has an inertia, and thus an angle: pass inertia to scene.mass.")
-        is_fixed = free[numbers] < 0
         if angles and is_fixed.any():
             raise ValueError("fixed points have no angles; only masses do.")
         count = np.count_nonzero(cloud.is_own)
         size = values.shape[-1] if values.ndim else 0
-        expected = count * (self.dimension + kinds) + count_states(cloud, self._placed)
+        expected = count * (self.dimension + kinds) + len(numbered(cloud, self._placed)[2])
         if size != expected:
             raise ValueError(
                 f"values must have {expected} degrees of freedom on the last axis, as has "
                 f"solution.u of this scene, not {size}."
             )
-        parts = self.dimension + np.arange(kinds) if angles else np.arange(self.dimension)
-        if cloud.is_carried[numbers].any():
-            return self._carried_of(numbers, values, t, rate)
-        taken = values[..., free[numbers][..., np.newaxis] + count * parts]
-        if is_fixed.any():
-            taken[..., is_fixed, :] = self._supports_of(numbers[is_fixed], values.shape[:-1], t, rate)
-        return taken[..., 0] if parts.size == 1 else taken
+        if angles:
+            taken = values[..., cloud.free[numbers][..., np.newaxis] + count * (self.dimension + np.arange(kinds))]
+        else:
+            places = Places(cloud.positions, cloud.free, bodies=self._bodies, moves=moves(self._placed))
+            times = self._times_of(numbers, values.shape[:-1], t, rate, places)
+            taken = places.of(numbers.ravel(), values, times, rate)
+            taken = taken.reshape(*values.shape[:-1], *numbers.shape, self.dimension)
+        return taken[..., 0] if taken.shape[-1] == 1 else taken
 
     def _check_massless(self, effect: Body) -> None:
         """Refuse an effect that needs a mass on a point without a mass."""
@@ -447,33 +447,19 @@ class Description:
         if "acceleration" in functions or any("m" in arguments(function) for function in functions.values()):
             raise ValueError(f"{effect.title} acts on masses, and a point of a rigid body has none: give body.centre.")
 
-    def _supports_of(self, numbers: np.ndarray, shape: tuple[int, ...], t: ArrayLike | None, rate: int) -> np.ndarray:
-        """Return the positions of fixed points, or their rates, in states of a shape."""
-        places = 0.0 * self._cloud().positions[numbers] if rate else self._cloud().positions[numbers]
-        found = np.tile(places, (*shape, 1, 1))
-        for function, given, direction, some in moves(self._placed):
-            moved = np.isin(numbers, some)
-            if not moved.any():
-                continue
-            if t is None:
-                call = (
-                    "points.velocities(solution.v, solution.t)" if rate else "points.positions(solution.u, solution.t)"
-                )
-                raise ValueError(f"t must be given for points that a motion moves, as in {call}.")
-            times = reals(t, "t")
-            if times.shape != shape[len(shape) - times.ndim :]:
-                raise ValueError(f"t must have the shape {shape} of the states, not {times.shape}.")
-            way = np.reshape([function(float(time), *given)[rate] for time in times.ravel()], times.shape)
-            found[..., moved, :] += way[..., np.newaxis, np.newaxis] * direction
-        return found
-
-    def _carried_of(self, numbers: np.ndarray, values: np.ndarray, t: ArrayLike | None, rate: int) -> np.ndarray:
-        """Return the values of points, some of which are points of bodies."""
-        found = []
-        for number in numbers.ravel().tolist():
-            parts, factors = self._bodies.carried.get(number, (np.array([number]), np.ones(1)))
-            found.append(np.einsum("p,...pk->...k", factors, self._values_of(parts, values, t, rate)))
-        return np.stack(found, axis=-2).reshape(*values.shape[:-1], *numbers.shape, self.dimension)
+    def _times_of(
+        self, numbers: np.ndarray, shape: tuple[int, ...], t: ArrayLike | None, rate: int, places: Places
+    ) -> np.ndarray | None:
+        """Return the times of states of a shape, which points need if a motion moves one of them."""
+        if not any(np.isin(numbers, some).any() for *_, some in places.moves):
+            return None
+        if t is None:
+            call = "points.velocities(solution.v, solution.t)" if rate else "points.positions(solution.u, solution.t)"
+            raise ValueError(f"t must be given for points that a motion moves, as in {call}.")
+        times = reals(t, "t")
+        if times.shape != shape[len(shape) - times.ndim :]:
+            raise ValueError(f"t must have the shape {shape} of the states, not {times.shape}.")
+        return times
 
     def _carry(self, parts: np.ndarray, factors: np.ndarray, is_vector: bool) -> Points:
         """Add points that are linear combinations of others, with factors of shape (..., parts)."""

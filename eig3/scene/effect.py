@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import inspect
 from collections.abc import Collection, Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numba
 import numpy as np
@@ -23,10 +23,15 @@ from .fields import annotations_of, check_fields
 FORCES = ("force", "acceleration", "tension", "force_density", "forces", "torque", "stress")
 #: The function of the rate of a state that is a first-order unknown.
 RATE = "state_rate"
+#: The function of the angle between two bodies that is 0 if the torque does not jump from pi to -pi.
+JUMPING = "jumping_angle"
 #: The rules by which a link mixes the values of two points: see `Link`.
 RULES = ("arithmetic", "geometric", "product")
 #: The functions that change the state where the event of an effect occurs.
 RESETS = ("velocity_after", "rate_after", "state_after")
+
+Arrays: TypeAlias = list[np.ndarray]
+Columns: TypeAlias = dict[str, np.ndarray]
 
 _DRAWN = {"plane": ("normal", "offset"), "discs": ("contact_distance",)}  # the fields that a picture needs
 REAL = (numba.types.Boolean, numba.types.Integer, numba.types.Float)
@@ -99,9 +104,8 @@ class Effect:
     source: ClassVar[str] = ""
     picture: ClassVar[str] = ""
 
-    offers: ClassVar[
-        dict[str, tuple[str, ...]]
-    ] = {}  # the functions that this kind of effect can have, and the arguments that they can take
+    # the functions that this kind of effect can have, and the arguments that they can take
+    offers: ClassVar[dict[str, tuple[str, ...]]] = {}
     needs: ClassVar[tuple[str, ...]] = ()  # an effect has at least one of these functions
     takes: ClassVar[tuple[int, ...]] = ()  # the possible numbers of arguments of points
     cutoff_field: ClassVar[str] = ""  # see `Link`
@@ -123,7 +127,8 @@ class Effect:
 
     def __post_init__(self) -> None:
         """Check the parameters. An effect with further checks calls this method first."""
-        for name in set(self._read()) & set(_given(self)):
+        given = [field.name for field in dataclasses.fields(self) if field.init]  # type: ignore[arg-type]
+        for name in set(self._read()) & set(given):
             self._reals(name)
         self._check_names("nonnegative")
         for name in self.nonnegative:
@@ -152,10 +157,10 @@ class Effect:
         """Return whether the accelerations that the effect causes depend on the velocities."""
         functions = self.functions()
         acting = [functions[name] for name in (*FORCES, "motion") if name in functions]
-        read = {"v", "rate"} - {*_fields(self)}
+        read = {"v", "rate"} - {*self.parameters()}
         return RATE in functions or any(read & set(arguments(function)) for function in acting)
 
-    def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
+    def columns(self, shape: tuple[int, ...], dimension: int) -> Columns:
         """Return the parameters that the functions read, for points of a shape.
 
         Returns
@@ -174,7 +179,7 @@ class Effect:
         """Return the fields that the compiled functions read, a motion's direction, and a link's cutoff."""
         jitted = [function for function in self.functions().values() if isinstance(function, Jitted)]
         read = ["direction", self.cutoff_field, *(argument for function in jitted for argument in arguments(function))]
-        return [name for name in _fields(self) if name in read]
+        return [name for name in self.parameters() if name in read]
 
     def _column(self, name: str, shape: tuple[int, ...], dimension: int) -> np.ndarray:
         values = self._values(name, dimension)
@@ -201,7 +206,7 @@ class Effect:
 
     def snapshot(self) -> Any:
         """Return a copy that is independent of the lists and arrays that the caller passed."""
-        fields = {name: getattr(self, name, None) for name in _fields(self)}
+        fields = {name: getattr(self, name, None) for name in self.parameters()}
         copies = {name: copy.copy(value) for name, value in fields.items() if isinstance(value, list | np.ndarray)}
         if not copies:
             return self
@@ -218,7 +223,11 @@ class Effect:
         TypeError, ValueError
             If the scene cannot. The error names the effect.
         """
-        self._check_computed()
+        for name in self.parameters():
+            if not hasattr(self, name):
+                raise TypeError(
+                    f"{name} of {self.title} must be computed in __post_init__, because the field has init=False."
+                )
         for what in ("vectors", "arrays"):
             self._check_names(what)
         if dimension not in self.dimensions:
@@ -231,10 +240,10 @@ class Effect:
             if not isinstance(function, Jitted):
                 what = f", and no field may have the name {name}" * (not callable(function))
                 raise TypeError(f"{name} of {self.title} must be compiled: decorate it with @eig3.jit{what}.")
-            taken = [field for field in _fields(self) if field in self.offers[name]]
+            taken = [field for field in self.parameters() if field in self.offers[name]]
             if taken:
                 raise TypeError(f"{self.title} must rename its field {taken[0]}: {name} has an argument of this name.")
-            offered = [*self.offers[name], *_fields(self)]
+            offered = [*self.offers[name], *self.parameters()]
             unknown = [argument for argument in arguments(function) if argument not in offered]
             if unknown:
                 raise TypeError(
@@ -246,20 +255,12 @@ class Effect:
                 raise TypeError(
                     f"{self.title} must have a field {name} that a function reads, for its picture {self.picture!r}."
                 )
-        if self.cutoff_field and self.cutoff_field not in _fields(self):
+        if self.cutoff_field and self.cutoff_field not in self.parameters():
             raise TypeError(f"cutoff_field of {self.title} must be the name of a field, not {self.cutoff_field!r}.")
         for name in self._read():
             self._values(name, dimension)
         for name, function in functions.items():
             self._compile(name, function, dimension)
-
-    def _check_computed(self) -> None:
-        """Refuse computed fields without a value."""
-        for name in _fields(self):
-            if not hasattr(self, name):
-                raise TypeError(
-                    f"{name} of {self.title} must be computed in __post_init__, because the field has init=False."
-                )
 
     def _check_event(self, functions: dict[str, Any]) -> None:
         """Refuse a reset without an event, and a state that never changes."""
@@ -280,10 +281,10 @@ class Effect:
         names = getattr(self, what)
         if isinstance(names, str) or not isinstance(names, Collection):
             raise TypeError(f"{what} of {self.title} must be a tuple of names, not {names!r}.")
-        known = [name for name in _fields(self) if hasattr(self, name)]
+        known = [name for name in self.parameters() if hasattr(self, name)]
         for name in names:
             if name not in known:
-                remedy = ", unless it is computed before super().__post_init__()" * (name in _fields(self))
+                remedy = ", unless it is computed before super().__post_init__()" * (name in self.parameters())
                 allowed = ", ".join(known) or "fields"
                 raise TypeError(f"{what} of {self.title} can name only {allowed}, not {name!r}{remedy}.")
 
@@ -317,7 +318,7 @@ class Effect:
             wanted = "a number" if numbers is None else f"a tuple of {numbers} number{'s' * (numbers > 1)}"
             raise TypeError(f"{name} of {self.title} must return {wanted} here, not {unliteral(returned)}.")
 
-    def shape_columns(self, rest: list[np.ndarray]) -> dict[str, np.ndarray]:
+    def shape_columns(self, rest: list[np.ndarray]) -> Columns:
         """Return columns that are computed from the positions at rest; see `Cell`."""
         return {}
 
@@ -325,9 +326,7 @@ class Effect:
         """Return the effect and its points for the arguments that the user gives, such as rigid bodies."""
         return self, points
 
-    def check_points(
-        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
-    ) -> None:
+    def check_points(self, masses: Arrays, positions: Arrays, columns: Columns) -> None:
         """Check that the effect can act on these points.
 
         Parameters
@@ -403,9 +402,7 @@ class Body(Effect):
     needs: ClassVar[tuple[str, ...]] = ("force", "acceleration", "event")
     takes: ClassVar[tuple[int, ...]] = (0, 1)
 
-    def check_points(
-        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
-    ) -> None:
+    def check_points(self, masses: Arrays, positions: Arrays, columns: Columns) -> None:
         if any((m == 0).any() for m in masses):
             raise ValueError(f"{self.title} acts on masses, but was given fixed points.")
 
@@ -456,9 +453,7 @@ class Link(Effect):
     picture: ClassVar[str] = "line"
     ductility: ClassVar[Any] = None
 
-    def check_points(
-        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
-    ) -> None:
+    def check_points(self, masses: Arrays, positions: Arrays, columns: Columns) -> None:
         if ((masses[0] == 0) & (masses[1] == 0)).any():
             raise ValueError(f"{self.title} joins two fixed points, which cannot move: give a mass as one end.")
         for name in {"rest_length", self.cutoff_field} & set(columns):
@@ -495,11 +490,11 @@ class Link(Effect):
             If it cannot. The error names the effect.
         """
 
-    def self_energy(self, columns: dict[str, np.ndarray]) -> float:
+    def self_energy(self, columns: Columns) -> float:
         """Return the part of the energy of a group that does not depend on the places of its points, J."""
         return 0.0
 
-    def needs_direction(self, columns: dict[str, np.ndarray]) -> Any:
+    def needs_direction(self, columns: Columns) -> Any:
         """Return for each pair whether its points must not coincide at the start."""
         return columns.get("rest_length", np.zeros(1)) != 0
 
@@ -522,7 +517,7 @@ class Motion(Effect):
     needs: ClassVar[tuple[str, ...]] = ("motion",)
     takes: ClassVar[tuple[int, ...]] = (1,)
 
-    def columns(self, shape: tuple[int, ...], dimension: int) -> dict[str, np.ndarray]:
+    def columns(self, shape: tuple[int, ...], dimension: int) -> Columns:
         for name in (name for name in self._read() if name not in self.arrays):
             if self._values(name, dimension).ndim > (name in self.vectors):
                 raise ValueError(f"{name} of {self.title} is the same for all points: add a motion for each point.")
@@ -533,9 +528,7 @@ class Motion(Effect):
         if "direction" not in self.vectors or not hasattr(self, "direction"):
             raise TypeError(f'{self.title} must have a field direction, and vectors = ("direction",).')
 
-    def check_points(
-        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
-    ) -> None:
+    def check_points(self, masses: Arrays, positions: Arrays, columns: Columns) -> None:
         if (masses[0] > 0).any():
             raise ValueError(f"{self.title} moves fixed points, but was given masses, which forces move.")
 
@@ -544,12 +537,3 @@ class Motion(Effect):
 def arguments(function: Any) -> tuple[str, ...]:
     """Return the names of a compiled function's arguments."""
     return tuple(inspect.signature(function.py_func).parameters)
-
-
-def _fields(effect: Effect) -> list[str]:
-    return effect.parameters()
-
-
-def _given(effect: Effect) -> list[str]:
-    """Return the fields that the caller passes. An effect may compute other fields from them."""
-    return [field.name for field in dataclasses.fields(effect) if field.init]  # type: ignore[arg-type]

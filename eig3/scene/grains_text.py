@@ -125,7 +125,7 @@ class GrainsText(PairForceText):
 
     def _add_power(self, loses: bool) -> None:
         self._contact()
-        self._line(f"total -= tension * rate + {_dot('s', 'w')}")
+        self._line(f"total -= tension * rate + {' + '.join(f's{axis} * w{axis}' for axis in 'xyz')}")
         self._add_power_from_outside(lambda axis: f"tension * n{axis} + s{axis}")
 
     def begin(self) -> None:
@@ -233,7 +233,3 @@ class GrainsText(PairForceText):
     @property
     def _offered(self) -> dict[str, str]:
         return super()._offered | {"radius": "radius", "mass": "mass"}
-
-
-def _dot(first: str, second: str) -> str:
-    return " + ".join(f"{first}{axis} * {second}{axis}" for axis in "xyz")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import ClassVar, TypeVar
 
 import numpy as np
@@ -17,16 +17,62 @@ from .effect import RATE
 from .source import Source, Symbols
 from .text import BlockText, of_part
 
-G = TypeVar("G", bound="GroupText")
+M = TypeVar("M", bound="MembersText")
 
 
-class GroupText(BlockText):
-    """Laws on the same points in the source.
+class MembersText(BlockText):
+    """Laws on the same points, with a state and an event for each member.
+
+    Attributes
+    ----------
+    laws : list of Symbols
+    """
+
+    laws: list[Symbols]
+
+    def having(self, *functions: str) -> list[Symbols]:
+        """Return the laws that have one of these functions."""
+        return [law for law in self.laws if any(f in law.functions for f in functions)]
+
+    def of_laws(self: M, laws: list[Symbols]) -> M:
+        """Return the text with only these laws."""
+        one = copy.copy(self)
+        one.laws = laws
+        return one
+
+    def constants(self, *functions: str) -> None:
+        """Read common parameters before the loop, because the compiler cannot prove that a and p do not alias."""
+        for law in self.laws:
+            self._line(*law.constants(*functions))
+
+    def rates(self) -> None:
+        """Write the rates of the states that are first-order unknowns."""
+        for law in self.having(RATE):
+            one = self.of_laws([law])
+            with one.members(RATE) as (s, i, j):
+                offered = one.offered_here(s, i, j, RATE)
+                self._line(f"{law.columns[RATE].of(s)} = {law.call(RATE, s, offered)}")
+
+    def offered(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
+        """Compute the arguments that these functions of one member can take; return their source by name."""
+        self.constants(*functions)
+        return self.offered_here(s, i, j, *functions)
+
+    def offered_here(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
+        """Compute what `offered` does, in a loop over members."""
+        raise NotImplementedError
+
+    def members(self, *functions: str) -> AbstractContextManager[tuple[str, str, str]]:
+        """Write a loop; give the names of the indices of the member and of its masses."""
+        raise NotImplementedError
+
+
+class GroupText(MembersText):
+    """Forces on masses, and between two masses or a mass and a support.
 
     Attributes
     ----------
     group : Group
-    laws : list of Symbols
     size : int
         The number of members.
     runs : ndarray
@@ -46,44 +92,9 @@ class GroupText(BlockText):
         has_events = any(law.events.size for law in self.laws)
         self._ends = [source.column(x) for x in points] if has_events else []
 
-    def having(self, *functions: str) -> list[Symbols]:
-        """Return the laws that have one of these functions."""
-        return [law for law in self.laws if any(f in law.functions for f in functions)]
-
-    def of_laws(self: G, laws: list[Symbols]) -> G:
-        """Return the group with only these laws."""
-        one = copy.copy(self)
-        one.laws = laws
-        return one
-
     def reads(self, name: str, *functions: str) -> bool:
         """Return whether one of these functions of a law has an argument of this name."""
         return any(law.reads(name, *functions) for law in self.laws)
-
-    def offered(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
-        """Compute the arguments that these functions of one member can take; return their source by name."""
-        raise NotImplementedError
-
-    def rates(self) -> None:
-        """Write the rates of the states that are first-order unknowns."""
-        for law in self.having(RATE):
-            one = self.of_laws([law])
-            with one.members(RATE) as (s, i, j):
-                offered = one.offered_here(s, i, j, RATE)
-                self._line(f"{law.columns[RATE].of(s)} = {law.call(RATE, s, offered)}")
-
-    def offered_here(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
-        """Compute what `offered` does, in a loop over members."""
-        raise NotImplementedError
-
-    def strike(self, s: str, i: str, j: str, offered: dict[str, str]) -> None:
-        """Change the velocities of a member at an event of the first law."""
-        raise NotImplementedError
-
-    def constants(self, *functions: str) -> None:
-        """Read common parameters before the loop, because the compiler cannot prove that a and p do not alias."""
-        for law in self.laws:
-            self._line(*law.constants(*functions))
 
     @contextmanager
     def member(self, head: str) -> Iterator[tuple[str, str, str]]:
@@ -169,10 +180,6 @@ class MassesText(GroupText):
                     for name in names:
                         product = " + ".join(f"{name}[{k}] * velocity[{k}]" for k in range(len(self._axes)))
                         self._line(f"total += {factor}({product})")
-
-    def offered(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
-        self.constants(*functions)
-        return self._mass(i, *functions)
 
     def offered_here(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         return self._mass(i, *functions)

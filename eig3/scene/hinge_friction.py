@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from ..kernels.friction import friction_in_plane, friction_in_space
-from .cell import Cell
+from ..kernels.compile.jit import element
+from .effect import Link
+from .hinge_motor import HingeMotor
 
 
 @dataclass(frozen=True, eq=False)
-class HingeFriction(Cell):
-    """A torque against the relative rotation of two bodies, which have the vectors x0 and x1 in the plane.
+class HingeFriction(Link):
+    """The law of a torque against the rate of the angle, for a `HingeLaw`.
 
     Raises
     ------
@@ -24,22 +26,16 @@ class HingeFriction(Cell):
     damping: ArrayLike
     regularization_speed: ArrayLike
 
-    takes = (2,)
-    dimensions = (2,)
+    offers = HingeMotor.offers
+    needs = HingeMotor.needs
     nonnegative = ("limit", "damping")
     source = "Coulomb (1785), regularised, and viscous friction"
-    forces = staticmethod(friction_in_plane)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.require(self._reals("regularization_speed") > 0, "regularization_speed must be positive")
 
-
-@dataclass(frozen=True, eq=False)
-class HingeFrictionInSpace(HingeFriction):
-    """Hinge friction about the unit vector x2 of the second body, which is perpendicular to x0 and x1."""
-
-    takes = (3,)
-    dimensions = (3,)
-    needs_hinge = True
-    forces = staticmethod(friction_in_space)
+    @staticmethod
+    @element
+    def torque(rate, limit, damping, regularization_speed):  # type: ignore[no-untyped-def]
+        return -(limit / math.sqrt(rate * rate + regularization_speed * regularization_speed) + damping) * rate

@@ -4,23 +4,36 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ..functions.callbacks import jit
-from ..kernels.compile.source import Writer, define
-from ..kernels.friction import couple_in_plane, couple_in_space, rate_in_plane, rate_in_space
+from ..kernels.compile.jit import element
 from ..kernels.slide import displacement, displacement_rate, forces_along
-from ..kernels.vector_angle import angle_in_plane, angle_in_space
+from ..kernels.vector_angle import (
+    angle_in_plane,
+    angle_in_space,
+    couple_in_plane,
+    couple_in_space,
+    rate_in_plane,
+    rate_in_space,
+)
 from .cell import Cell
-from .effect import RATE, Effect, arguments
-from .of_law import OfLaw
+from .effect import JUMPING, RATE, Arrays, Columns, Effect, arguments
+from .of_law import OfLaw, call_of, calling
 
 _OF_JOINT = ("t", "x", "v", "state")
 _PULLS = {"tension": "", "force_density": " * r"}
+_SAME = 1e-9  # relative difference of two torques that are equal
+
+
+@element
+def angle_of_jump(angle: Any, after: Any, before: Any) -> Any:
+    """Return the angle, or 0 if the torque does not jump where the angle changes from pi to -pi."""
+    return angle if abs(after - before) > _SAME * (abs(after) + abs(before)) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +51,7 @@ class HingeLaw(OfLaw, Cell):
     reach: ClassVar[float] = math.pi
     kinematics: ClassVar[tuple[Any, Any, Any]] = angle_in_plane, rate_in_plane, couple_in_plane
     offers: ClassVar[dict[str, tuple[str, ...]]] = {
-        **dict.fromkeys(("forces", "event", "state_after", RATE), _OF_JOINT),
+        **dict.fromkeys(("forces", "event", "state_after", RATE, JUMPING), _OF_JOINT),
         "potential": ("x", "state"),
     }
 
@@ -48,9 +61,7 @@ class HingeLaw(OfLaw, Cell):
             raise TypeError(f"{self.law.title} changes velocities at events, which a hinge does not support.")
         super().__post_init__()
 
-    def check_points(
-        self, masses: list[np.ndarray], positions: list[np.ndarray], columns: dict[str, np.ndarray]
-    ) -> None:
+    def check_points(self, masses: Arrays, positions: Arrays, columns: Columns) -> None:
         super().check_points(masses, positions, columns)
         rest = np.abs(columns.get("rest_length", np.zeros(1)))
         self.require(rest < self.reach, "rest_length must be between -pi and pi in a hinge, in rad")
@@ -70,7 +81,8 @@ class HingeLaw(OfLaw, Cell):
     turns = property(attrgetter("law.turns"))  # type: ignore[assignment]
 
     def functions(self) -> dict[str, Any]:
-        return dict(_of_joint(tuple(self.law.functions().items()), self.takes[0], self.kinematics))
+        wraps = self.reach == math.pi
+        return dict(_of_joint(tuple(self.law.functions().items()), self.takes[0], self.kinematics, wraps))
 
     def _check_returned(self, name: str, returned: Any, dimension: int) -> None:
         check = Cell._check_returned if name == "forces" else Effect._check_returned
@@ -97,29 +109,22 @@ class SlideLaw(HingeLawInSpace):
 
 
 @functools.lru_cache(256)
-def _of_joint(inner: tuple[tuple[str, Any], ...], points: int, kinematics: tuple[Any, Any, Any]) -> Any:
+def _of_joint(inner: tuple[tuple[str, Any], ...], points: int, kinematics: tuple[Any, Any, Any], wraps: bool) -> Any:
     """Return functions of the points that call a law. The same law gives the same functions, so scenes share code."""
-    known, out = dict(inner), Writer()
-    calls = {name: f"law_{name}({', '.join(arguments(function))})" for name, function in inner}
-    acting = [name for name in ("torque", *_PULLS) if name in known]
+    law, calls = dict(inner), {name: call_of(name, function) for name, function in inner}
+    acting = [name for name in ("torque", *_PULLS) if name in law]
     force = calls.get("torque") or f"-({' + '.join(calls[name] + _PULLS[name] for name in acting)})"
-    given = {
-        name: (arguments(known[name]), calls[name])
-        for name in ("potential", "event", "state_after", RATE)
-        if name in known
-    }
-    of_forces = [x for name in acting for x in arguments(known[name])] + ["r"] * ("force_density" in known)
-    given["forces"] = tuple(of_forces), f"forces_of(x, {force})"
-    for name, (read, value) in given.items():
-        of_points = [x for x in ("r", "angle", "rate") if x in read]
-        taken = ["x"] * bool(of_points or name == "forces") + ["v"] * ("rate" in read)
-        taken += [x for x in dict.fromkeys(read) if x not in of_points]
-        with out.block(f"def {name}({', '.join(taken)})"):
-            for variable in of_points:
-                from_points = f"r_of({', '.join(f'x[{k}]' for k in range(points))})"
-                out.line(f"{variable} = {'rate_of(x, v)' if variable == 'rate' else from_points}")
-            out.line(f"return {value}")
+    results = {name: calls[name] for name in ("potential", "event", "state_after", RATE) if name in law}
+    results["forces"] = f"forces_of(x, {force})"
+    of_law = "angle" if "torque" in law else "r"  # of a motor, or of a link, which may have a field angle
+    after, before = (re.sub(rf"\b{of_law}\b", repr(at), force) for at in (-math.pi, math.pi))
+    if wraps and after != force:
+        results[JUMPING] = f"angle_of_jump({of_law}, {after}, {before})"
+    of_points = {of_law: f"r_of({', '.join(f'x[{k}]' for k in range(points))})", "rate": "rate_of(x, v)"}
+    lines = {}
+    for name, result in results.items():
+        read = re.findall(r"\w+", result)
+        lines[name] = [f"{x} = {value}" for x, value in of_points.items() if x in read] + [f"return {result}"]
+    known = {"t", "x", "v", "state", *(x for f in law.values() for x in arguments(f))} - {*of_points}
     names = dict(zip(("r_of", "rate_of", "forces_of"), kinematics, strict=True))
-    names |= {"__name__": __name__, **{f"law_{name}": function for name, function in inner}}
-    defined = define(str(out), "joint", names)
-    return tuple((name, jit(defined[name])) for name in given)
+    return calling(law, lines, known, "joint", {"__name__": __name__, "angle_of_jump": angle_of_jump, **names})

@@ -106,10 +106,6 @@ class LinksText(GroupText):
                 self.pull(s, i, j)
                 self._line(*self._box.power())
 
-    def offered(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
-        self.constants(*functions)
-        return self.offered_here(s, i, j, *functions)
-
     def offered_here(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         self.separation(s, i, j)
         return self._length(s, i, j, *functions)

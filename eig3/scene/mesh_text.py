@@ -13,13 +13,14 @@ import numpy as np
 
 from .assembly import Assembly
 from .cell import Cell
-from .effect import RATE
+from .effect import JUMPING
+from .group_text import MembersText
 from .placed import Placed
-from .source import Column, Source, Symbols, entry
-from .text import BlockText, Text, of_part
+from .source import Column, Source, entry
+from .text import Text, of_part
 
 
-class MeshText(BlockText):
+class MeshText(MembersText):
     """Cells of one kind in the source.
 
     Attributes
@@ -43,7 +44,7 @@ class MeshText(BlockText):
 
     def forces(self) -> None:
         is_part = self._source.is_of_part
-        with self._loop(), self._only_if(of_part(*self._indices) if is_part else ""):
+        with self.members(), self._only_if(of_part(*self._indices) if is_part else ""):
             self._push()
             for c, i in enumerate(self._indices):
                 with self._only_if(of_part(i) if is_part else f"{i} < {self._n}" if self._is_held else ""):
@@ -54,7 +55,7 @@ class MeshText(BlockText):
         if "potential" in self._law.functions:
             extent = self._effect.extent
             factor = f"{self._law.value(extent, 's')} * " if extent else ""
-            with self._loop():
+            with self.members():
                 self._given("potential")
                 self._line(f"total += {factor}{self._law.call('potential', 's', self._offered)}")
 
@@ -62,7 +63,7 @@ class MeshText(BlockText):
         """Add the power of cells without a potential on their masses, and of the supports of cells with a potential."""
         is_followed = "potential" not in self._law.functions
         if is_followed or self._moves:
-            with self._loop():
+            with self.members():
                 self._push(power=True)
                 for c, i in enumerate(self._indices):
                     product = " + ".join(f"push[{c}][{k}] * velocity[{c}][{k}]" for k in range(len(self._axes)))
@@ -70,21 +71,11 @@ class MeshText(BlockText):
                     with self._only_if(f"{i} {side} {self._n}" if self._is_held else ""):
                         self._line(f"total {sign} {product}")
 
-    # As the groups of links
-
-    def having(self, *functions: str) -> list[Symbols]:
-        """Return the law, if it has one of these functions."""
-        return [law for law in self.laws if any(f in law.functions for f in functions)]
-
-    def of_laws(self, laws: list[Symbols]) -> MeshText:
-        return self
-
-    def rates(self) -> None:
-        """Write the rates of the states that are first-order unknowns."""
-        if self.having(RATE):
-            with self._loop():
-                self._given(RATE)
-                self._line(f"{self._law.columns[RATE].of('s')} = {self._law.call(RATE, 's', self._offered)}")
+    def angles(self, first: int) -> None:
+        """Write the angles of the cells into the array a, from the index `first` on."""
+        with self.members(JUMPING):
+            self._given(JUMPING)
+            self._line(f"a[{first} + s] = {self._law.call(JUMPING, 's', self._offered)}")
 
     @contextmanager
     def member(self, head: str) -> Iterator[tuple[str, str, str]]:
@@ -94,18 +85,16 @@ class MeshText(BlockText):
             self._corners()
             yield "s", "", ""
 
-    def offered(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
-        """Compute the arguments that these functions of a cell can take; return their source by name."""
-        self._line(*self._law.constants(*functions))
+    def offered_here(self, s: str, i: str, j: str, *functions: str) -> dict[str, str]:
         self._given(*functions)
         return self._offered
 
     @contextmanager
-    def _loop(self) -> Iterator[None]:
-        self._line(*self._law.constants(*self._law.functions))
+    def members(self, *functions: str) -> Iterator[tuple[str, str, str]]:
+        self.constants(*self._law.functions)
         with self._block(f"for s in range({self.size})"):
             self._corners()
-            yield
+            yield "s", "", ""
 
     def _corners(self) -> None:
         for c, i in enumerate(self._indices):

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection
 from typing import Any
 
+from ..functions.callbacks import jit
+from ..kernels.compile.source import Writer, define
 from .effect import Effect, Link, arguments
 
 
@@ -49,3 +53,21 @@ class OfLaw(Effect):
 def has_state(functions: dict[str, Any]) -> bool:
     """Return whether a law with these functions has a state."""
     return any("state" in arguments(function) for function in functions.values())
+
+
+def call_of(name: str, function: Any, state: str = "state") -> str:
+    """Return the source of a call of a function of a law, with the source of its state."""
+    return f"law_{name}({', '.join(state if x == 'state' else x for x in arguments(function))})"
+
+
+def calling(
+    law: dict[str, Any], lines: dict[str, list[str]], known: Collection[str], what: str, names: dict[str, Any]
+) -> tuple[tuple[str, Any], ...]:
+    """Return the compiled functions with these lines, which call a law; their arguments are the known names."""
+    out = Writer()
+    for name, text in lines.items():
+        words = dict.fromkeys(re.findall(r"\w+", " ".join(text)))
+        with out.block(f"def {name}({', '.join(word for word in words if word in known)})"):
+            out.line(*text)
+    defined = define(str(out), what, names | {f"law_{name}": function for name, function in law.items()})
+    return tuple((name, jit(defined[name])) for name in lines)

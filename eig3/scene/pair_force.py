@@ -86,40 +86,15 @@ class PairForce(Placed):
         return Placed(self.effect, columns)
 
 
-@dataclass(frozen=True, eq=False)
-class Members:
-    """The points of a pair force in the order of its list: masses, then fixed points.
+def _order(numbers: np.ndarray, cloud: Any) -> np.ndarray:
+    """Return the order of points in a list: masses, then fixed points.
 
     They are ordered by their index in the scene, or by their positions at the start if consecutive points are too far
     apart: near points are then near each other in memory, and mostly in the part of one thread.
-
-    Attributes
-    ----------
-    points : ndarray of int
-        Their numbers in the scene.
-    index : ndarray of int
-        The indices of the masses.
-    group : ndarray of int
-        0 for points of the first group, 1 for points of the second group.
-    place : ndarray of int
-        The index of each point in its group.
     """
-
-    points: np.ndarray
-    index: np.ndarray
-    group: np.ndarray
-    place: np.ndarray
-
-    @classmethod
-    def of(cls, pair_force: PairForce, free: np.ndarray, positions: np.ndarray) -> Members:
-        numbers = np.concatenate(pair_force.points)
-        is_fixed = free[numbers] < 0
-        order = np.lexsort((free[numbers], is_fixed))
-        if _jumps(positions[numbers[order]]):
-            order = np.lexsort((*_cells(positions[numbers]), is_fixed))
-        points = numbers[order]
-        index = free[points]
-        return cls(points, index[index >= 0], (order >= pair_force.first.size).astype(int), order)
+    free, positions = cloud.free[numbers], cloud.positions[numbers]
+    order = np.lexsort((free, free < 0))
+    return np.lexsort((*_cells(positions), free < 0)) if _jumps(positions[order]) else order
 
 
 def _spacing(x: np.ndarray) -> float:
@@ -222,20 +197,39 @@ class Listing:
 
 def listed(pair_force: PairForce, place: int, cloud: Any, u0: np.ndarray, pairs: np.ndarray) -> Listing:
     """Return the neighbour list of a pair force at the start, stored from a place in p on."""
-    members, dimension = Members.of(pair_force, cloud.free, cloud.positions), cloud.positions.shape[1]
-    own, fields = _own_fields(pair_force, members, place)
+    dimension, x, cutoff = cloud.positions.shape[1], cloud.positions, pair_force.effect.cutoff_field
+    numbers = np.concatenate(pair_force.points)
+    order = _order(numbers, cloud)
+    points, count = numbers[order], numbers.size
+    index = cloud.free[points]
+    index = index[index >= 0]
+    own: dict[str, int] = {}
+    fields = [np.empty(0)]
+    for name in (name for name, column in pair_force.columns.items() if len(column) > 1):
+        own[name] = place + sum(field.size for field in fields)
+        fields.append(pair_force.shares(name)[order])
     begin = place + sum(field.size for field in fields)
-    apart, count = _apart(members, pairs, cloud.masses.size), members.points.size
+    firsts, mates = _apart(points, pairs, cloud.masses.size)
+    widest, has_groups = float(pair_force.columns[cutoff].max()), pair_force.second.size > 0
+    tables = {"number": index, "group": order >= pair_force.first.size, "apart": firsts, "apart_mates": mates}
 
     def attempt(room: int, skin: float) -> tuple[np.ndarray, Areas, int | None]:
         """Return p, the areas, and the number of pairs, or None if the pairs exceed the capacity."""
-        areas, end = Areas.of(begin, count, room, _buckets(count), apart[1].size, dimension)
+        areas, end = Areas.of(begin, count, room, _buckets(count), mates.size, dimension)
         p = np.zeros(end)
-        p[place:begin] = np.concatenate([*fields, np.empty(0)])
-        _write(p, begin, pair_force, members, cloud, areas, own, room, skin, apart)
+        p[place:begin] = np.concatenate(fields)
+        constants = count, index.size, np.count_nonzero(cloud.masses), skin, has_groups, widest, own.get(cutoff, 0)
+        p[begin : begin + neighbours.BOX] = *constants, room, _buckets(count), neighbours.IS_LIST
+        p[begin + neighbours.BOX :][:dimension] = cloud.box
+        p[begin + neighbours.PARTS] = p[begin + neighbours.WANTED] = 1
+        p[begin + neighbours.SHEAR], p[begin + neighbours.PRESENT_SKIN] = cloud.shear, skin
+        p[begin + neighbours.HEAD :][: len(areas)] = areas
+        p[areas.x :][: dimension * count] = x[points].ravel()
+        for name, table in tables.items():
+            _integers(p, getattr(areas, name), table.size)[:] = table
         neighbours.LISTS[dimension](neighbours.REFRESH, 0.0, u0, p, begin, 0, 0)
-        is_whole = p[begin + neighbours.LISTED] == members.index.size and p[begin + neighbours.PRESENT_SKIN] == skin
-        return p, areas, int(_integers(p, areas.stop, members.index.size)[-1]) if is_whole else None
+        is_whole = p[begin + neighbours.LISTED] == index.size and p[begin + neighbours.PRESENT_SKIN] == skin
+        return p, areas, int(_integers(p, areas.stop, index.size)[-1]) if is_whole else None
 
     room = count * (pair_force.neighbor_capacity or _DENSE[dimension]) + 64
     p, areas, found = attempt(room, 0.0)
@@ -247,11 +241,9 @@ def listed(pair_force: PairForce, place: int, cloud: Any, u0: np.ndarray, pairs:
     while pair_force.neighbor_capacity is None and (found is None or _GROWTH * found > room):
         room = 2 * room if found is None else int(_GROWTH * found) + 64
         p, areas, found = attempt(room, skin)
-    follows = (np.diff(members.index) == 1).all()
-    first = int(members.index[0]) if follows else -1
+    first = int(index[0]) if (np.diff(index) == 1).all() else -1
     is_dense = (room if found is None else found) >= _MANY_MATES * count
-    masses, fixed = members.index.size, members.points[members.index.size :]
-    return Listing(begin, areas, count, masses, room, own, first, is_dense, fixed, p[place:])
+    return Listing(begin, areas, count, index.size, room, own, first, is_dense, points[index.size :], p[place:])
 
 
 def near_pairs(
@@ -278,52 +270,14 @@ def _skin(pair_force: PairForce, found: float, dimension: int) -> float:
     return _SKIN * widest * min(1.0, (_DENSE[dimension] / (2 * found + 1)) ** (1 / dimension))
 
 
-def _own_fields(pair_force: PairForce, members: Members, place: int) -> tuple[dict[str, int], list[np.ndarray]]:
-    """Return the places of the fields with a value for each point, and the shares of the points in them."""
-    own: dict[str, int] = {}
-    fields: list[np.ndarray] = []
-    for name, column in pair_force.columns.items():
-        if len(column) > 1:
-            own[name] = place + sum(field.size for field in fields)
-            fields.append(pair_force.shares(name)[members.place])
-    return own, fields
-
-
-def _apart(members: Members, pairs: np.ndarray, n_points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the excluded pairs of members: the index where the mates of each member begin, and the mates."""
+def _apart(points: np.ndarray, pairs: np.ndarray, n_points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the excluded pairs of a list: the index where the mates of each point begin, and the mates."""
     local = np.full(n_points, -1)
-    local[members.points] = np.arange(members.points.size)
+    local[points] = np.arange(points.size)
     ends = np.sort(local[pairs], axis=1)
     ends = ends[ends[:, 0] >= 0]
     ends = ends[np.lexsort(ends.T[::-1])]
-    return np.searchsorted(ends[:, 0], np.arange(members.points.size + 1)), ends[:, 1]
-
-
-def _write(
-    p: np.ndarray,
-    begin: int,
-    pair_force: PairForce,
-    members: Members,
-    cloud: Any,
-    areas: Areas,
-    own: dict[str, int],
-    room: int,
-    skin: float,
-    apart: tuple[np.ndarray, np.ndarray],
-) -> None:
-    """Write the constant parts of a list."""
-    count, cutoff, x = members.points.size, pair_force.effect.cutoff_field, cloud.positions
-    widest = float(pair_force.columns[cutoff].max())
-    numbers = (count, members.index.size, np.count_nonzero(cloud.masses), skin, pair_force.second.size > 0, widest)
-    p[begin : begin + neighbours.BOX] = *numbers, own.get(cutoff, 0), room, _buckets(count), neighbours.IS_LIST
-    p[begin + neighbours.BOX :][: x.shape[1]] = cloud.box
-    p[begin + neighbours.PARTS] = p[begin + neighbours.WANTED] = 1
-    p[begin + neighbours.SHEAR], p[begin + neighbours.PRESENT_SKIN] = cloud.shear, skin
-    p[begin + neighbours.HEAD :][: len(areas)] = areas
-    p[areas.x :][: x.shape[1] * count] = x[members.points].ravel()
-    tables = {"number": members.index, "group": members.group, "apart": apart[0], "apart_mates": apart[1]}
-    for name, table in tables.items():
-        _integers(p, getattr(areas, name), table.size)[:] = table
+    return np.searchsorted(ends[:, 0], np.arange(points.size + 1)), ends[:, 1]
 
 
 def _buckets(count: int) -> int:

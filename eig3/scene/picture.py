@@ -64,37 +64,51 @@ class Places:
 
     def points(self, t: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the positions of all points, with the components of vectors."""
-        return self._values(t, u, self.positions, 0)
+        return self._all(t, u, 0)
 
     def velocities(self, t: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the velocities of all points, with the rates of vectors."""
-        return self._values(t, v, np.zeros_like(self.positions), 1)
+        return self._all(t, v, 1)
 
     def spins(self, v: np.ndarray) -> np.ndarray:
         """Return the angular velocities of all points; 0 for fixed points."""
-        count, dimension = np.count_nonzero(self.free >= 0), self.positions.shape[1]
-        rates = v[:, dimension * count :].reshape(len(v), -1)[:, : self.angles * count]
-        values = np.zeros((len(v), len(self.free), self.angles))
-        is_mass = self.free >= 0
-        values[:, is_mass] = rates.reshape(len(v), self.angles, count).transpose(0, 2, 1)[:, self.free[is_mass]]
+        is_mass, angles = self.free >= 0, self.positions.shape[1] + np.arange(self.angles)
+        values = v[:, np.where(is_mass, self.free, 0)[:, None] + np.count_nonzero(is_mass) * angles]
+        values[:, ~is_mass] = 0.0
         return values
 
-    def _values(self, t: np.ndarray, given: np.ndarray, fixed: np.ndarray, rate: int) -> np.ndarray:
-        """Return the values of all points: of the masses as given, of the others as `fixed`, which a motion moves."""
-        dimension = self.positions.shape[1]
-        x = np.tile(fixed, (len(t), 1, 1))
-        is_mass = self.free >= 0
-        is_mass[list(self.bodies.carried)] = False
-        x[:, is_mass] = given[:, self.free[is_mass, None] + np.count_nonzero(is_mass) * np.arange(dimension)]
-        for point, (parts, factors) in self.bodies.carried.items():
-            x[:, point] = np.einsum("p,tpk->tk", factors, x[:, parts])
-        for function, arguments_of, direction, some in self.moves:
-            way = np.array([function(float(time), *arguments_of)[rate] for time in t])
-            x[:, some] += way[:, None, None] * direction
-        if dimension > 1:
-            return x
-        across = np.zeros_like(x)
-        return np.concatenate([across, x] if self.upright else [x, across], axis=2)
+    def of(self, numbers: np.ndarray, given: np.ndarray, t: Any, rate: int) -> np.ndarray:
+        """Return the positions of some points in states of any shape, or with rate = 1 their velocities.
+
+        `given` has the displacements or the velocities, and t the times of the states, for points that a motion moves.
+        """
+        is_own = self.free >= 0
+        is_own[list(self.bodies.carried)] = False
+        free, axes = np.where(is_own, self.free, 0), np.count_nonzero(is_own) * np.arange(self.positions.shape[1])
+        found = given[..., free[numbers, None] + axes]
+        is_fixed = self.free[numbers] < 0
+        found[..., is_fixed, :] = 0.0 if rate else self.positions[numbers[is_fixed]]
+        for k, number in enumerate(numbers.tolist()):
+            if number in self.bodies.carried:
+                parts, factors = self.bodies.carried[number]
+                found[..., k, :] = np.einsum("p,...pk->...k", factors, given[..., free[parts, None] + axes])
+        for function, arguments_of, direction, some in self.moves if is_fixed.any() else ():
+            is_moved = np.isin(numbers, some)
+            if is_moved.any():
+                way = np.reshape([function(float(time), *arguments_of)[rate] for time in np.ravel(t)], np.shape(t))
+                found[..., is_moved, :] += way[..., None, None] * direction
+        return found
+
+    def _all(self, t: np.ndarray, given: np.ndarray, rate: int) -> np.ndarray:
+        return _in_picture(self.of(np.arange(len(self.free)), given, t, rate), self.upright)
+
+
+def _in_picture(x: np.ndarray, upright: bool) -> np.ndarray:
+    """Return vectors in the dimensions of the picture, which has two for a scene of one."""
+    if x.shape[-1] > 1:
+        return x
+    across = np.zeros_like(x)
+    return np.concatenate([across, x] if upright else [x, across], axis=-1)
 
 
 def geometry_and_view(
@@ -114,14 +128,14 @@ def geometry_and_view(
     links, strings = _links(cloud, placed)
     cells = _cells(placed)
     faces = np.concatenate([np.empty((0, 3), dtype=np.int64), *(surface(kind) for kind in cells)])
-    corners, solids = _solids(cloud)
+    bodies = _bodies(cloud)
+    corners, solids = _solids(cloud, bodies)
     not_drawn = [*cloud.bodies.vectors, *range(len(radii), len(radii) + len(corners))]
     hidden = np.unique(np.concatenate([faces.ravel(), *(kind.ravel() for kind in cells), not_drawn])).astype(int)
     inside = set(hidden.tolist())
     order = list(links)
     drawn = [k for k, ends in enumerate(order) if not inside.issuperset(ends)]
     places = Places(cloud.positions, cloud.free, upright, cloud.bodies, moves(placed), cloud.spins.shape[1], corners)
-    bodies = _bodies(cloud)
     geometry = Geometry(
         places=places.points,
         velocities=places.velocities,
@@ -136,26 +150,23 @@ def geometry_and_view(
         masses=np.where(cloud.is_carried, 0.0, cloud.masses),
         radii=radii,
         contacts=ForceChains.of(cloud, placed, pair_forces) if dimension > 1 else None,
-        box=_box(cloud.box, upright),
+        box=tuple(_in_picture(cloud.box, upright).tolist()) if cloud.box.any() else (),
         shear=cloud.shear,
     )
+    shown = {
+        "places": places,
+        "links": geometry.links[drawn],
+        "strings": {k: geometry.strings[number] for k, number in enumerate(drawn) if number in geometry.strings},
+        "radii": np.append(radii, np.zeros(len(corners))),
+    }
     view = Mechanism(
-        places=places,
-        velocities=places.velocities,
-        masses=geometry.masses,
-        links=geometry.links[drawn],
+        **(vars(geometry) | shown),
         springs=[k for k, number in enumerate(drawn) if links[order[number]] == "spring"],
-        strings={k: geometry.strings[number] for k, number in enumerate(drawn) if number in geometry.strings},
         faces=faces,
         hidden=hidden,
-        vectors=geometry.vectors,
-        fixed=geometry.fixed,
-        radii=np.append(radii, np.zeros(len(corners))),
         trails=masses if dimension > 1 and masses.size <= _TRAILS else (),
-        planes=_planes(placed, radii, masses, dimension, upright),
+        planes=_planes(placed, radii, masses, upright),
         labels=(("", "x (m)") if upright else ("x (m)", "")) if dimension == 1 else ("x (m)", "y (m)", "z (m)"),
-        box=geometry.box,
-        shear=geometry.shear,
         solids=solids,
     )
     return geometry, view
@@ -180,28 +191,16 @@ def _links(cloud: Cloud, placed: Sequence[Placed]) -> tuple[dict[tuple[int, int]
     return links, strings
 
 
-def _box(sides: np.ndarray, upright: bool) -> tuple[float, ...]:
-    """Return the sides of the periodic box in the dimensions of the picture, or nothing without a box."""
-    if not sides.any():
-        return ()
-    if sides.size > 1:
-        return tuple(sides.tolist())
-    return (0.0, float(sides[0])) if upright else (float(sides[0]), 0.0)
-
-
-def _solids(cloud: Cloud) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[Solid]]:
+def _solids(cloud: Cloud, bodies: np.ndarray) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[Solid]]:
     """Return points on the surfaces of bodies, and their shapes: given ones, or boxes with the inertias of the bodies.
 
     A box of the mass m with the sides a_k has the moments J_k = m a_k^2 / 12. In the plane, a body with further points
     has no box, because its inertia does not say how slender it is: its lines show it better.
     """
     held = {int(parts[0]) for parts, _ in cloud.bodies.carried.values()} if cloud.positions.shape[1] == 2 else set()
-    bodies: dict[int, list[int]] = {}
-    for point, body in cloud.bodies.numbers.items():
-        bodies.setdefault(body, []).append(point)
     corners: list[tuple[np.ndarray, np.ndarray]] = []
     solids = []
-    for centre, *vectors in bodies.values():
+    for centre, *vectors in bodies.tolist():
         if centre in held and centre not in cloud.bodies.shapes:
             continue
         half = np.sqrt(3 * cloud.masses[vectors] / cloud.masses[centre])
@@ -316,7 +315,7 @@ def _add_radii_of_two_groups(radii: np.ndarray, pair_force: PairForce) -> None:
 
 
 def _planes(
-    placed: Sequence[Placed], radii: np.ndarray, masses: np.ndarray, dimension: int, upright: bool
+    placed: Sequence[Placed], radii: np.ndarray, masses: np.ndarray, upright: bool
 ) -> list[tuple[tuple, float]]:
     """Return the distinct planes of effects, in the dimensions of the picture. A mass with a radius touches a plane."""
     planes: dict[tuple, tuple[tuple, float]] = {}
@@ -325,8 +324,6 @@ def _planes(
             radius = radii[law.points[0] if law.points else masses]
             unit = _ROUND_OFF * (np.abs(law.columns["offset"]) + radius).max() or 1.0
             for normal, offset in zip(law.columns["normal"], law.columns["offset"] - radius, strict=True):
-                across = () if dimension > 1 else (0.0,)
-                along = tuple(normal.tolist())
-                along = (*across, *along) if upright else (*along, *across)
+                along = tuple(_in_picture(normal, upright).tolist())
                 planes.setdefault((along, round(offset / unit)), (along, float(offset)))
     return list(planes.values())[:_PLANES]

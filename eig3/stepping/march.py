@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple, Protocol
 
@@ -425,17 +425,26 @@ class March:
         ValueError
             If u or v has another shape than u0.
         """
-        # The compiled function reads any array as a contiguous array of this size.
-        u, v = np.asarray(u, dtype=np.float64, order="C"), np.asarray(v, dtype=np.float64, order="C")
-        shape = () if self.form is SCALAR else (self.n,)
-        if not u.shape == v.shape == shape:
-            raise ValueError(f"u and v must have the shape of u0, {shape}, not {u.shape}, {v.shape}.")
+        return self.evaluator()(t, u, v)
+
+    def evaluator(self) -> Callable[[float, Any, Any], Any]:
+        """Return `acceleration` for many evaluations: a copy of p, which has the neighbour lists, takes longer."""
         call, params = self.system.callback.call, guarded(self.p)  # another thread may take steps
-        if self.form is SCALAR:
-            return call(float(t), float(u), float(v), params)
-        a = np.full(u.size, np.nan)  # an entry that rhs does not write stays NaN
-        call(t, u, v, params, a)
-        return a
+        is_scalar = self.form is SCALAR
+        shape = () if is_scalar else (self.n,)
+
+        def acceleration(t: float, u: Any, v: Any) -> Any:
+            # The compiled function reads any array as a contiguous array of this size.
+            u, v = np.asarray(u, dtype=np.float64, order="C"), np.asarray(v, dtype=np.float64, order="C")
+            if not u.shape == v.shape == shape:
+                raise ValueError(f"u and v must have the shape of u0, {shape}, not {u.shape}, {v.shape}.")
+            if is_scalar:
+                return call(float(t), float(u), float(v), params)
+            a = np.full(u.size, np.nan)  # an entry that rhs does not write stays NaN
+            call(t, u, v, params, a)
+            return a
+
+        return acceleration
 
     def find_unwritten(self, t: float) -> int | None:
         """Return an index j such that rhs, in the vector form, does not write a[j] at the time t, if any.

@@ -100,6 +100,13 @@ class VariableStepper(March):
         return float(self.counters[SILENT_STEP]), float(self.counters[SILENT_END])
 
     @property
+    def held(self) -> float:
+        """The longest way of a point in a step if it limits the last whole step, or 0."""
+        points, reach = self._way
+        last = self.before_end()
+        return reach if points and last.h * np.abs(last.v[:points]).max() > reach / 2 else 0.0
+
+    @property
     def tiny(self) -> list[str]:
         """What moves, but by less than ten times the allowed error of a step."""
         tolerances, found = self.tolerances, []

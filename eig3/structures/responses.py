@@ -238,15 +238,14 @@ def _ground(p: Any, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return displacement, velocity, np.where(t == inside, record(inside), 0.0)
 
 
-def _params(problem: Any, *names: str) -> Any:
-    """Return the parameters of a problem, which must have these names."""
+def _params(problem: Any, name: str) -> Any:
+    """Return the parameters of a problem, which must have this name."""
     known = getattr(getattr(getattr(problem, "params", None), "layout", None), "names", ())
     if not isinstance(problem, Problem) or "size" not in known:
         raise TypeError(f"problem must be a problem of eig3.linear, not {shown(problem)}.")
-    for name in names:
-        if name not in known:
-            what = "links" if name == "states" else name
-            raise ValueError(f"problem must have {what}: give it to eig3.linear.")
+    if name not in known:
+        what = "links" if name == "states" else name
+        raise ValueError(f"problem must have {what}: give it to eig3.linear.")
     return problem.params
 
 

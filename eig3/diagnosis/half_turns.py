@@ -1,0 +1,46 @@
+"""Find out whether an angle from -pi to pi, which a torque depends on, passes half a turn in a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..functions.callbacks import check_callback
+from ..functions.companions import Angles
+from ..functions.evaluation import accelerations
+from ..kernels.protocol import VECTOR
+
+_TURNED = 0.05  # a smaller change of all unit vectors, about 3 degrees, is a vibration: no angle is computed
+_ROWS = 2**14  # states that are looked at together
+
+
+def half_turns(angles: Angles, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> Iterator[str]:
+    """Describe each angle that passes half a turn between two saved states.
+
+    Parameters
+    ----------
+    angles : Angles
+    params : ndarray
+    t : ndarray, shape (m,)
+    u, v : ndarray, shape (m, n)
+        The saved states.
+    """
+    parts = [slice(first, first + _ROWS + 1) for first in range(0, len(u) - 1, _ROWS)]
+    parts = [rows for rows in parts if np.abs((u[rows] - u[0])[:, angles.degrees]).max() > _TURNED]
+    if not parts:
+        return
+    callback, found = check_callback(angles.function, "rhs", VECTOR, "angles"), set()
+    for rows in parts:
+        values = accelerations(callback, params, t[rows], u[rows], v[rows], len(angles.names))
+        jumps = np.abs(np.diff(values, axis=0)) > math.pi
+        for k in np.flatnonzero(jumps.any(axis=0)).tolist():
+            if k not in found:
+                found.add(k)
+                yield (
+                    f"The angle of {angles.names[k]} passes half a turn after t = {t[rows][jumps[:, k].argmax()]:.4g}. "
+                    "It is from -pi to pi, so the torque jumps there. For a torque that depends on whole turns, take a "
+                    "Link whose state is the angle: its state_rate returns rate, and its tension reads state in place "
+                    "of r."
+                )
