@@ -273,7 +273,7 @@ MUTANTS = {
         ("_LEAST_RATIO = 2.0", "_LEAST_RATIO = 20.0"),
         ("_NO_DIGIT = 0.5", "_NO_DIGIT = 0.05"),
         ("_CONVERGING = 0.2", "_CONVERGING = 20.0"),
-        ("_HARDLY = 0.3", "_HARDLY = 3.0"),
+        ("_FEW_MORE = 0.3", "_FEW_MORE = 3.0"),
         ("(c**middle - 1)", "(c**middle + 1)"),
         ("1 / (1 - fine.ratio **", "1 / (1 + fine.ratio **"),
     ],
