@@ -69,6 +69,14 @@ MUTANTS = {
     ("kernels/loops/march.py", "test_divergence.py -k slow_growth_is_noted"): [
         ("counters[PART_END] < last:", "counters[PART_END] < 0:"),
     ],
+    ("kernels/loops/march.py", "test_outputs.py -k of_an_oscillation"): [("if e < low:", "if e <= low:")],
+    ("kernels/loops/observe.py", "test_extremes.py -k right_after_an_impact"): [
+        ("            follow_end(follow, look.within)\n", ""),
+        ("span.every == 1 and s > 0", "s > 0"),
+    ],
+    ("kernels/loops/observe.py", "test_divergence.py -k starts_from_nothing"): [
+        ("    end_part(follow, counters, i, n, v_now)\n", ""),
+    ],
     ("kernels/neighbours.py", "test_neighbours.py -k half_of_its_skin"): [
         ("+ skin)) / 2", "+ skin)) / 1.6"),
         ("+ skin)) / 2", "+ skin)) / 2.2"),

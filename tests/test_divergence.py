@@ -43,15 +43,12 @@ def tried_step_holds(run, rhs, u0, v0, params):
 @pytest.mark.parametrize(
     ("u0", "method", "xi", "h"),
     [
-        (1.0, eig3.EIG3(), 0.0, 0.7),
         (1.0, eig3.CentralDifference(), 0.1, 0.7),
         (1.0, eig3.RK4(), 0.0, 1.0),
         (THREE, eig3.EIG3(), 0.1, 0.6),
         (THREE, CD, 0.0, 0.7),
         (THREE, eig3.CentralDifference(velocity="lagged"), 0.1, 0.7),
         (THREE, eig3.AB3(), 0.0, 0.3),
-        (THREE, eig3.RK2(), 0.2, 0.7),
-        (THREE, eig3.EIG(5), 0.1, 0.4),
         (THREE, eig3.EIG(9), 0.0, 0.2),
         (THREE, eig3.RK8(), 0.0, 2.2),
         (THREE, eig3.BM6(), 0.0, 4.0),
@@ -152,7 +149,7 @@ def test_a_growth_that_is_negligible_ends_no_run():
 # Systems that are not linear -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", ["eig3", "cd", "rk4", "ab3"])
+@pytest.mark.parametrize("method", ["eig3", "rk4"])
 def test_hardening_names_the_critical_step_at_both_ends(method):
     """At the start omega^2 = 9 (1 + 3 u^2). It is larger after the motion has grown."""
     run = integrate(hardening, (0, 1e3), 3.0, 0.0, h=0.4, params=9.0, method=method)
@@ -178,7 +175,7 @@ def test_a_run_that_grows_into_instability_holds_with_the_step_named():
     assert step < h
 
 
-@pytest.mark.parametrize("method", ["eig3", "cd", "rk4"])
+@pytest.mark.parametrize("method", ["eig3", "rk4"])
 def test_a_solution_that_is_unbounded_itself_is_reported_as_unbounded(method):
     """u'' = 6 u^2 from 1 and 2: u = 1 / (1 - t)^2 is infinite at t = 1."""
     exploding = eig3.jit(lambda t, u, v, p: 6 * u * u)
@@ -409,10 +406,11 @@ def test_only_the_invariant_that_grows_is_noted():
     assert integrate(oscillator, (0, 1000), 1.0, 0.0, h=0.01, params=(4.0, 0.0), method="rk2").notes == ()
 
 
-def test_an_invariant_that_starts_from_nothing_can_grow():
+@pytest.mark.parametrize("options", [{"h": 0.01}, {"rtol": 1e-4}])
+def test_an_invariant_that_starts_from_nothing_can_grow(options):
     """The invariant is zero in the first part of the run, so that its growth can only be compared with itself."""
     late = eig3.jit(lambda t, u, v, p: max(0.0, t - 48.0))
-    run = problems.single_dof().integrate(h=0.01, invariants={"late": late})
+    run = problems.single_dof().integrate(invariants={"late": late}, **options)
     assert run.drift["late"] == pytest.approx(952)
     (note,) = run.notes
     assert note.startswith("late grows steadily, to 2 times its size over the run")
@@ -432,10 +430,9 @@ def forced_from_rest(damping):
 @pytest.mark.parametrize(
     ("damping", "method", "relative"), [(0.5, "rk4", 1e-5), (0.5, "rk2", 0.03), (0.0, "eig3", 0.01)]
 )
-@pytest.mark.parametrize("save_every", [1, None])
-def test_a_small_part_of_the_work_is_no_growth(damping, method, relative, save_every):
+def test_a_small_part_of_the_work_is_no_growth(damping, method, relative):
     """The energy less the work is zero at the start, and the errors of the work add up: they are small beside it."""
-    run = forced_from_rest(damping).integrate(h=0.005, method=method, save_every=save_every)
+    run = forced_from_rest(damping).integrate(h=0.005, method=method)
     assert 0 < run.drift["energy"] < relative * np.abs(run.z["work"]).max()
     assert run.notes == ()
 

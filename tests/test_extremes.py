@@ -190,6 +190,18 @@ def test_the_states_before_and_after_an_impact_count(method, terminal):
     assert run.extremes["u"].low == pytest.approx(0, abs=1e-13)
 
 
+shifted = eig3.jit(lambda t, u, v, p: v + u / 10)
+
+
+def test_a_peak_right_after_an_impact():
+    """u = sin(t) / 2 after an impact, and v + u / 10 has its peak within the first step: atan(0.1) after the impact."""
+    events, outputs = {"impact": Event(position, -1, apply=rebound)}, {"shifted": shifted}
+    options = {"params": 0.0, "rtol": 1e-6, "save_every": 1000, "events": events, "outputs": outputs}
+    run = integrate(oscillator, (0.0, np.pi / 2 + 1), 1.0, 0.0, method="rk8", **options)
+    assert run.extremes["shifted"].high == pytest.approx(np.sqrt(1.01) / 2, abs=1e-6)  # a tolerance
+    assert len(run.t) == 2  # only with save_every=1 is the state before an impact saved
+
+
 stops = eig3.jit(lambda t, u, v, p: (p[1], 0.0))
 
 

@@ -18,8 +18,7 @@ from .conftest import assert_same, position
 
 H = {"h": 0.01}
 RTOL = {"rtol": 1e-8, "method": "rk5"}
-BY_ADDRESS = {"fixed": H, "tolerances": RTOL, "ab3": {**H, "method": "ab3"}}
-KINDS = {**BY_ADDRESS, "inline": {**H, "inline": True}}
+KINDS = {"by address": H, "inline": {**H, "inline": True}}
 
 
 class Spring(NamedTuple):
@@ -187,7 +186,7 @@ def test_steppers_critical_steps_and_plans():
     assert eig3.plan(problem, 1e-3, methods=["eig3"]).best.h > 0
 
 
-@pytest.mark.parametrize("method", ["rk4", "eig3", "cd", "ab3", "eig9"])
+@pytest.mark.parametrize("method", ["cd", "ab3"])
 def test_a_controller_changes_the_parameters_of_a_stepper(method):
     """As two prepared runs, of which the second has other parameters: methods forget the past accelerations."""
     stepper = eig3.Stepper(spring, 1.0, 0.0, h=0.01, params=Spring(4.0, 0.1, 1), method=method)

@@ -109,6 +109,9 @@ def test_extremes_are_those_of_every_step(save_every, chunk, monkeypatch):
     np.testing.assert_array_equal(run.outputs["also"][-1], every.outputs["also"][-1])
 
 
+at_least = eig3.jit(lambda t, u, v, p: max(u, -0.5))
+
+
 def test_extremes_of_an_oscillation():
     """u = cos(w t): the first minimum is -1 at pi / w, and it is found at the step nearest to it."""
     extremes = swing(save_every=None, method="rk4", outputs={"u": position}).extremes["u"]
@@ -116,6 +119,8 @@ def test_extremes_of_an_oscillation():
     assert extremes.t_low == pytest.approx(np.pi / w, abs=H) or extremes.t_low == pytest.approx(3 * np.pi / w, abs=H)
     assert extremes.low == pytest.approx(-1, abs=(w * H) ** 2)  # a step away, the cosine has changed by (w h)^2 / 2
     assert (extremes.high, extremes.t_high) == (1.0, 0.0)
+    run = swing(method="rk4", outputs={"at_least": at_least})
+    assert_extremes(run.extremes["at_least"], run.t, run.outputs["at_least"])  # of equal values, the first counts
 
 
 def test_nan_stays_with_the_time_of_the_first():

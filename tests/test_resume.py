@@ -48,9 +48,12 @@ def both_ways(tmp_path, system, t_end, **options):
     yield tmp_path / "directory"
 
 
-@pytest.mark.parametrize("form", ["scalar", "vector"])
-@pytest.mark.parametrize("method", ["eig3", "cd", "ab3", "eig9", "rk4", "rk8", "bm6"])
-def test_a_loaded_run_goes_on_as_one_run(method, form, tmp_path):
+@pytest.mark.parametrize(
+    ("form", "method"),  # what a file keeps of a form does not depend on the method
+    [("scalar", method) for method in ("eig3", "ab3", "bm6")]
+    + [("vector", method) for method in ("cd", "ab3", "eig9", "rk4")],
+)
+def test_a_loaded_run_goes_on_as_one_run(form, method, tmp_path):
     system = SCALAR if form == "scalar" else VECTOR
     if method == "bm6":
         system = SCALAR_WITHOUT_V if form == "scalar" else VECTOR_WITHOUT_V
