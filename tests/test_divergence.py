@@ -430,9 +430,10 @@ def forced_from_rest(damping):
 @pytest.mark.parametrize(
     ("damping", "method", "relative"), [(0.5, "rk4", 1e-5), (0.5, "rk2", 0.03), (0.0, "eig3", 0.01)]
 )
-def test_a_small_part_of_the_work_is_no_growth(damping, method, relative):
+@pytest.mark.parametrize("save_every", [1, None])
+def test_a_small_part_of_the_work_is_no_growth(damping, method, relative, save_every):
     """The energy less the work is zero at the start, and the errors of the work add up: they are small beside it."""
-    run = forced_from_rest(damping).integrate(h=0.005, method=method)
+    run = forced_from_rest(damping).integrate(h=0.005, method=method, save_every=save_every)
     assert 0 < run.drift["energy"] < relative * np.abs(run.z["work"]).max()
     assert run.notes == ()
 

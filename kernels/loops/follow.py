@@ -156,9 +156,9 @@ def widen_at_end(follow, part, j, e, t):
 
 @element
 def widen_range(ends, j, e):
-    """Widen a lowest and a highest value: NaN becomes both of them, and stays the highest."""
-    high = ends[HIGH, j]
-    if not e >= ends[LOW, j]:
+    """Widen a lowest and a highest value: NaN becomes and stays both of them."""
+    low, high = ends[LOW, j], ends[HIGH, j]
+    if low == low and not e >= low:
         ends[LOW, j] = e
     if high == high and not e <= high:
         ends[HIGH, j] = e
@@ -166,7 +166,7 @@ def widen_range(ends, j, e):
 
 @element
 def widen(extremes, j, e, t):
-    """Widen a range, and note the times: NaN becomes and stays both values."""
+    """Widen a range, as `widen_range`, and note the time."""
     low, high = extremes[LOW, j], extremes[HIGH, j]
     if low == low and not e >= low:
         extremes[LOW, j], extremes[T_LOW, j] = e, t

@@ -150,6 +150,7 @@ def observe(place, i, row, t, step, t_end):
         RHS(of.rhs)(t_stop, u, v, p, a)
         counters[EVALUATIONS] += 1
         ADVANCE_HISTORY(follow, t_stop, u, v, p)
+        first = len(follow.table)
         if outcome <= ZENO:
             first = 0
             EVALUATE(follow, first, t_stop, u, v, p)
