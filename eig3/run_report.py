@@ -269,11 +269,13 @@ def _save(problem: Problem, solution: Solution, balance: Balance | None, files: 
     of_z: dict[str, Any] = {f"z.{name}" if name in taken else name: x for name, x in solution.z.items()}
     with files.writing(f"{name}.npz") as path:
         np.savez_compressed(path, t=t, u=u, v=v, **of_z)
-    names, columns, _ = zip(("t", t, ""), *columns_of(solution), strict=True)
+    columns: dict[str, np.ndarray] = {"t": t}
+    for key, values, _ in columns_of(solution):
+        columns[f"z.{key}" if key in columns else key] = values
     if len(t) * len(columns) <= _CSV_VALUES:
         with files.writing(f"{name}.csv") as path, path.open("w", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerow(names)
-            np.savetxt(file, np.column_stack(columns), delimiter=",")
+            csv.writer(file, lineterminator="\n").writerow(columns)
+            np.savetxt(file, np.column_stack([*columns.values()]), delimiter=",")
     else:
         files.leave_out(f"{name}.csv")
     return files.draw(f"{name}.png", lambda figure: draw(figure, problem, solution, balance))

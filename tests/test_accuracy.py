@@ -207,6 +207,17 @@ def test_the_drift_converges_in_chaos_too():
     assert solution.reliable_until < 60
 
 
+def test_a_motion_at_rest_has_an_error_and_an_accuracy_of_its_drift():
+    """Its energy is 0, and so is the change of it."""
+    options = {"params": 1.0, "invariants": {"energy": energy}}
+    at_rest = eig3.integrate(spring, (0, 3), 0.0, 0.0, rtol=1e-3, check=True, **options)
+    assert at_rest.error.largest["energy"] == 0
+    starts = [1.0, 0.0, 2.0], [0.0, 0.0, 1.0]
+    members = eig3.ensemble(spring, (0, 3), *starts, accuracy={"drift": 1e-5}, method="rk8", **options)
+    assert members.success.all()
+    assert members.drift["energy"].max() < 1e-5 * 5
+
+
 def test_the_best_run_for_a_drift_has_the_least_drift(monkeypatch):
     """The drift of BM6 reaches round-off while no digit of u is right at the end."""
     seen, after = [], module._Search.after

@@ -244,6 +244,11 @@ def test_memory_for_the_error_is_looked_for_before_the_compared_runs(monkeypatch
     assert caught.value.solution.success.all()
 
 
+@eig3.jit
+def late_duffing(t, u, v, p):
+    return -0.3 * v + u - u**3 + (0.5 * np.cos(1.2 * t) if t > 10.03 else 0.0)
+
+
 def test_chaos_is_right_up_to_a_time():
     """The same motion by RK8 with a small tolerance leaves the run by half of its size near the reported time."""
     problem = problems.double_pendulum(theta1=2.0, theta2=2.5, t_end=40.0)
@@ -262,7 +267,15 @@ def test_the_end_of_the_digits_does_not_depend_on_the_later_motion():
     problem = problems.double_pendulum(theta1=3.0, theta2=2.8)
     short, long = (problem.integrate(h=0.002, t_end=t, save_every=10, check=True) for t in (20.0, 300.0))
     assert np.abs(long.u).max() > 2 * np.abs(short.u).max()
-    assert long.reliable_until == pytest.approx(short.reliable_until, rel=0.05)
+    assert long.reliable_until == pytest.approx(short.reliable_until, rel=0.05)  # a sixth of 1 / rate
+
+
+def test_the_first_error_of_a_motion_that_begins_late_is_not_the_end_of_its_digits():
+    """The load acts from t = 10.03 on: before the next state, the motion is less than its error."""
+    run = eig3.integrate(late_duffing, (0, 400), 0.0, 0.0, h=0.1, check=True)
+    fine = eig3.integrate(late_duffing, (0, 400), 0.0, 0.0, h=0.005, method="eig9", save_every=20)
+    apart = np.abs(run.u - fine.u) / np.abs(run.u).max()
+    assert run.reliable_until == pytest.approx(run.t[np.argmax(apart > 0.5)], rel=0.2)  # the largest so far is less
 
 
 def test_the_front_of_a_wave_is_not_chaos():

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import eig3
 from eig3 import NoCriticalStepError, critical_step, problems
+from eig3.diagnosis.blas_threads import one_blas_thread
 from eig3.diagnosis.critical import _sees_rates, critical, longest_stable_step
 from eig3.diagnosis.linearisation import Linearised
 from eig3.effects import (
@@ -363,6 +364,12 @@ def test_limits_of_the_family(method):
         found = critical_step(oscillator, 1.0, 0.0, (7.0, xi), method=method)
         assert found.limit == pytest.approx(limit(method, xi) / 7, rel=1e-5 if xi else 1e-6)
         assert xi or found.omega_max == pytest.approx(7, rel=1e-6)
+
+
+def test_the_undamped_limit_of_bm6():
+    """Beyond it, BM6 is unstable only in a short interval."""
+    found = critical_step(oscillator, 1.0, 0.0, (7.0, 0.0), method=eig3.BM6())
+    assert found.limit == pytest.approx(limit(eig3.BM6().without_velocity()) / 7, rel=1e-6)
 
 
 def test_a_weakly_growing_grade_names_its_rate_and_a_practical_step():
@@ -956,10 +963,16 @@ def test_matrices_are_computed_in_one_thread():
 
     def threads(*_):
         of_blas = (library for library in threadpoolctl.threadpool_info() if library["user_api"] == "blas")
-        return min(library["num_threads"] for library in of_blas)
+        return min((library["num_threads"] for library in of_blas), default=1)
 
     seen = []
     with threadpoolctl.threadpool_limits(2, user_api="blas"):
+        before = threads()
         critical(lambda t, u, v: seen.append(threads()) or -u, 0.0, np.ones(2), np.zeros(2), eig3.EIG3())
-        assert threads() == 2
+        one_blas_thread.__enter__()
+        one_blas_thread.__enter__()  # in another thread
+        one_blas_thread.__exit__()
+        assert threads() == 1
+        one_blas_thread.__exit__()
+        assert threads() == before
     assert set(seen) == {1}

@@ -415,6 +415,15 @@ def test_a_run_in_space_ends_where_a_node_has_turned_once():
             assert "a node has rotated by 2 pi" in text
 
 
+def test_an_unstable_step_is_no_whole_turn():
+    """Nodes swing by radians in a step before the motion ends, and one of them may be near 2 pi."""
+    problem = line(3, SOFT, (1.0, 0.0, 0.0)).problem((0, 3), corotational=True)
+    v0 = 0.1 * np.random.default_rng(1).standard_normal(len(problem.u0))
+    run = problem.with_(v0=v0).integrate(h=1.02 * problem.critical_step().limit, t_end=40.0, save_every=None)
+    assert "rotated by 2 pi" not in run.message
+    assert "the critical step of EIG3" in run.explain()
+
+
 # The ready frame and errors ------------------------------------------------------------------------------------------
 
 

@@ -268,6 +268,16 @@ def test_the_work_balances_the_energy():
     assert fixed[1] < fixed[0] / 20  # three halvings, of the second order with the scatter of the turns
 
 
+def test_members_of_an_ensemble_are_single_runs():
+    problem = oscillator(BoucWen(20.0, 0.03), Maxwell(10.0, 2.0), force=5.0, omega=4.0)
+    v0, options = np.linspace(0, 1, 20)[:, None], {"t_eval": [0, 5, 10], "h": 0.005}
+    members = problem.ensemble(v0=v0, **options)
+    for i in (0, 11):
+        alone = problem.with_(v0=v0[i]).integrate(**options)
+        np.testing.assert_allclose(members.z["maxwell"][i], alone.z["maxwell"], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(members.u[i], alone.u, rtol=0, atol=1e-11)
+
+
 #: Displacements at t = 1, 2, 3, 4, 5 that OpenSees 3.7.1 prints for a zeroLength element between a fixed node and
 #: a mass of 1 kg under 6 N cos(5.6 t), by Newmark 0.5 0.25 with the steps 1e-4 and 2e-5 s, extrapolated. It starts
 #: without an acceleration, so its error is of the first order: some 1e-7 remain.

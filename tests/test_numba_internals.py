@@ -881,22 +881,23 @@ def test_writes_to_a_readonly_array():
     def writes(x):
         x[0] = 1.0
 
-    def adds(x):
-        x += 1.0
-
     def multiplies(x):
         np.multiply(x, 2.0, x)
 
     with probe("Numba's error for a write to a readonly array has other words"):
         x = np.ones(1)
         x.flags.writeable = False
-        for function in (writes, adds, multiplies):
+        for function in (writes, multiplies):
             assert internals.is_write_to_readonly(error_of(numba.njit(function), x))
         assert not internals.is_write_to_readonly(error_of(numba.njit(lambda x: x.missing), x))
 
 
 def plain(x):
     return x
+
+
+def adds(x):
+    x += 1.0
 
 
 def test_reasons_in_one_line():
@@ -906,6 +907,10 @@ def test_reasons_in_one_line():
             internals.gist(error_of(internals.compile_for, listed, (VECTOR,)))
             == "its decorator must not list signatures"
         )
+    with probe("Numba's error for += on a readonly array has other words"):
+        x = np.ones(1)
+        x.flags.writeable = False
+        assert internals.gist(error_of(numba.njit(adds), x)).startswith("it has an operator such as += on an array")
     with probe("Numba's error for a call that it cannot compile does not show the call after >>>"):
         reason = internals.gist(error_of(numba.njit(lambda x: sorted(x, 7)), np.ones(1)))
         assert re.fullmatch(rf'Numba cannot do sorted\(.*\) \(File ".*{Path(__file__).name}", line \d+\)', reason)

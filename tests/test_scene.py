@@ -198,6 +198,39 @@ def test_springs_give_tables_2_and_3_of_the_article(table, effect):
         np.testing.assert_allclose(mass.positions(ours.u), theirs.u, rtol=0, atol=1e-6)  # round-off
 
 
+def free_net():
+    rng = np.random.default_rng(5)
+    scene = Scene(3)
+    net = scene.mass(rng.uniform(0.5, 2, (6, 5)), rng.standard_normal((6, 5, 3)), rng.standard_normal((6, 5, 3)))
+    for a, b in ((net[:-1], net[1:]), (net[:, :-1], net[:, 1:])):
+        scene.add(HardeningSpring(3.0, 0.1, 0.5), a, b)
+    scene.add(HertzContact(50.0, 0.8), net[0, 0], net[5, 4])
+    return scene, net
+
+
+def momenta(net, masses, solution):
+    x, v = net.positions(solution.u), net.velocities(solution.v)
+    p = masses[..., None] * v
+    return p.sum(axis=(1, 2)), np.cross(x, p).sum(axis=(1, 2))
+
+
+@pytest.mark.parametrize("method", ["eig3", "cd", "rk4"])
+def test_a_free_net_keeps_its_momentum(method):
+    """Every method keeps the momentum, which is linear, to the round-off of 5000 steps.
+
+    Central difference, whose v is (u_{n+1} - u_{n-1}) / 2h, also keeps the angular momentum, except in its first step,
+    and EIG-3 keeps it to its second order.
+    """
+    scene, net = free_net()
+    masses, drifts = scene._cloud().masses.reshape(6, 5), []
+    for h in (1e-3, 5e-4):
+        p, angular = momenta(net, masses, scene.problem((0.0, 5.0)).integrate(h=h, method=method))
+        assert np.abs(p - p[0]).max() < 1e-11
+        drifts.append(np.abs(angular - angular[0]).max())
+    assert method != "cd" or max(drifts) < 1e-10
+    assert method != "eig3" or drifts[0] / drifts[1] > 3.5
+
+
 @pytest.mark.parametrize(("method", "order"), [("eig3", 2), ("cd", 2), ("rk4", 4)])
 def test_the_balance_of_a_damped_and_driven_scene(method, order):
     scene = Scene(2)

@@ -226,7 +226,7 @@ def _such_as(system: Linearised) -> str:
     return f", such as {', '.join(map(repr, others))}" if others else ""
 
 
-@one_blas_thread()
+@one_blas_thread
 def longest_stable_step(method: Method, system: Linearised, growth: float = 0.0) -> tuple[float, float, float]:
     """The limit, and the frequency and damping ratio of the mode that sets it.
 
@@ -251,7 +251,7 @@ def _decoupled(method: Method, system: Linearised) -> tuple[Method, Linearised, 
     return method, system if modes else system.fastest(_directions(method)), modes
 
 
-@one_blas_thread()
+@one_blas_thread
 def growth_by_step(method: Method, system: Linearised, h: float) -> float:
     """Return the numerical growth in one step h, which takes much less time than the longest stable step."""
     method, system, modes = _decoupled(method, system)

@@ -12,8 +12,9 @@ from ..functions.companions import Angles
 from ..functions.evaluation import accelerations
 from ..kernels.protocol import VECTOR
 
-_TURNED = 0.05  # a smaller change of all unit vectors, about 3 degrees, is a vibration: no angle is computed
-_ROWS = 2**14  # states that are looked at together
+TURNED = 0.05  # a smaller change of all unit vectors, about 3 degrees, is a vibration: no angle is computed
+_NEAR = 0.5  # a larger change of a unit vector from one saved state to the next may be any angle
+_VALUES = 2**18  # of states that are looked at together
 
 
 def half_turns(angles: Angles, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> Iterator[str]:
@@ -27,14 +28,16 @@ def half_turns(angles: Angles, params: np.ndarray, t: np.ndarray, u: np.ndarray,
     u, v : ndarray, shape (m, n)
         The saved states.
     """
-    parts = [slice(first, first + _ROWS + 1) for first in range(0, len(u) - 1, _ROWS)]
-    parts = [rows for rows in parts if np.abs((u[rows] - u[0])[:, angles.degrees]).max() > _TURNED]
+    count = max(1, _VALUES // u.shape[1])
+    parts = [slice(first, first + count + 1) for first in range(0, len(u) - 1, count)]
+    parts = [rows for rows in parts if np.abs(u[rows][:, angles.degrees] - u[0, angles.degrees]).max() > TURNED]
     if not parts:
         return
     callback, found = check_callback(angles.function, "rhs", VECTOR, "angles"), set()
     for rows in parts:
         values = accelerations(callback, params, t[rows], u[rows], v[rows], len(angles.names))
-        jumps = np.abs(np.diff(values, axis=0)) > math.pi
+        is_near = np.abs(np.diff(u[rows][:, angles.degrees], axis=0)).max(axis=1) < _NEAR
+        jumps = (np.abs(np.diff(values, axis=0)) > math.pi) & is_near[:, None]
         for k in np.flatnonzero(jumps.any(axis=0)).tolist():
             if k not in found:
                 found.add(k)

@@ -133,7 +133,7 @@ class _Derivative:
         return size, product
 
 
-@one_blas_thread()
+@one_blas_thread
 def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
     """Linearise ``f(t, u, v)`` at a state. For more than 64 degrees of freedom, no n x n matrix is stored.
 
@@ -158,7 +158,7 @@ def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
     return Linearised(K, C, evaluations, is_small)
 
 
-@one_blas_thread()
+@one_blas_thread
 def fast_rates(f: Callable, t: float, u: Any, v: Any, h: float) -> np.ndarray:
     """Return some of the rates s of the solutions exp(s t) at a state as s h, including the largest, at a low cost.
 

@@ -29,6 +29,7 @@ AT_SINGULAR = ", at a singular position of the mechanism, where its constraints 
 AT_WHOLE_TURN = ", where a node has rotated by 2 pi: no run passes this angle, at which rx, ry and rz are singular"
 
 _SINGULAR = 1e-4  # a position with less than this part of the independence at the start is singular
+_TURNED = 1.0  # rad in two steps; nodes turn further where a step is unstable
 _NEAR = 1e-6  # relative distance of a run with tolerances from a whole turn, at which its steps are too short
 _AHEAD = 2.0  # steps after the last state within which a singular position is looked for
 _PLACES = 200  # places in them
@@ -56,8 +57,8 @@ def is_at_whole_turn(last: Stepper | VariableStepper, h: float) -> bool:
     if not turns:
         return False
     way = _AHEAD * h * last.v
-    before, after = (np.linalg.norm(u[turns], axis=1) for u in (last.u - way, last.u + way))
-    return bool(((before < whole) & (after > (1 - _NEAR) * whole)).any())
+    before, after, turned = (np.linalg.norm(x[turns], axis=1) for x in (last.u - way, last.u + way, way))
+    return bool(((turned < _TURNED) & (before < whole) & (after > (1 - _NEAR) * whole)).any())
 
 
 def ways_past(last: Stepper, t_end: float) -> str:

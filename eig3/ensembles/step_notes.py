@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.coarseness import coarse_events, links_of, long_ways
-from ..diagnosis.half_turns import half_turns
+from ..diagnosis.half_turns import TURNED, half_turns
 from ..diagnosis.stiffness import VERY_MANY_STEPS
-from ..functions.companions import mark
+from ..functions.companions import Angles, mark
 from ..result.solution import Status
 from ..run.instability import has_grown, instability
 from ..stepping.run_options import RunOptions
@@ -41,12 +41,15 @@ def add_step_notes(solution: EnsembleSolution, single: Singles, members: Members
 
 def _half_turns(solution: EnsembleSolution, rhs: Any, members: Members) -> Iterator[str]:
     """Describe the angles of members that pass half a turn, if a torque jumps there."""
-    angles = mark(rhs, "angles")
-    if not angles or solution.u.shape[1] < 3:  # the start and the end alone do not show it
+    angles: Angles | None = mark(rhs, "angles")
+    if not angles:
         return
-    params = np.atleast_2d(members.params)
-    for i, count in enumerate(solution._n_rows().tolist()):
-        rows = solution.t[i, :count], solution.u[i, :count], solution.v[i, :count]
+    turned = np.zeros(len(solution), dtype=bool)
+    for j in angles.degrees.tolist():
+        turned |= np.fmax.reduce(solution.u[..., j], axis=1) - np.fmin.reduce(solution.u[..., j], axis=1) > TURNED
+    params, counts = np.atleast_2d(members.params), solution._n_rows()
+    for i in np.flatnonzero(turned).tolist():
+        rows = (x[i, : counts[i]] for x in (solution.t, solution.u, solution.v))
         for note in half_turns(angles, params[i % len(params)], *rows):
             yield f"{note} This is member {members.first + i}."
 

@@ -33,7 +33,6 @@ _SURE = 0.2  # and with which the ratio of the errors holds for other parameters
 _IN_PROPORTION = 0.95  # least cosine of the angle between two differences; smooth motions show 0.98 and more
 _HARDLY = 1e-2  # a degree of freedom that moves less, relative to the largest motion, has hardly begun to move
 _NO_DIGIT = 0.5  # an error of this fraction of the motion: no digit is right
-_FIRST = 1 / 64  # part of the run whose largest motion is a measure from the start on: a motion may begin at 0
 _FEW_COLUMNS = 16
 _MANY_STEPS = 100  # fewer steps may not be more with a smaller tolerance
 _FEW_MORE = 0.3  # a smaller part of the further steps that the order lets expect is hardly a change
@@ -274,7 +273,7 @@ def losses(solution: Any, error: ErrorEstimate, starts: Mapping[str, float]) -> 
         return
     for name, start in starts.items():
         drift, found = solution.drift[name], solution.extremes[name]
-        is_large = abs(start) >= max(abs(found.low), abs(found.high)) / 2  # and no difference of larger numbers
+        is_large = 0 < abs(start) >= max(abs(found.low), abs(found.high)) / 2  # and no difference of larger numbers
         if is_large and drift >= _LARGE_DRIFT * abs(start):
             yield (
                 f"{name} changes by {100 * drift / abs(start):.2g} %, which the estimated error of u does not show: "
@@ -566,13 +565,11 @@ def _with_others(scale: Any) -> Any:
 
 
 def _motion_until(u: np.ndarray, scale: Any) -> np.ndarray:
-    """Return the size of the motion up to each state, with the shape (m, n)."""
+    """Return the size of the motion up to each state, with the shape of u; at least a part of the whole motion."""
     sizes = np.abs(u).reshape(len(u), -1)
     np.maximum.accumulate(sizes, axis=0, out=sizes)
-    begin = min(math.ceil(len(u) * _FIRST), len(u) - 1)
-    sizes[:begin] = sizes[begin]
     sizes[:, np.atleast_1d(np.isinf(scale))] = np.inf
-    return np.maximum(_with_others(sizes), np.finfo(float).tiny).reshape(u.shape)
+    return np.maximum(_with_others(sizes), _HARDLY * _with_others(np.atleast_1d(scale))).reshape(u.shape)
 
 
 def _line(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:

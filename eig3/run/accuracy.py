@@ -79,8 +79,9 @@ class Goal(NamedTuple):
 
     def misses(self, solution: Any) -> dict[str, Any]:
         """Return each error, of a run or of each member, as a multiple of the wanted error; infinity if not known."""
-        errors, zero = solution.error.largest, np.zeros(solution.t.shape[:-1])
-        found: dict[str, Any] = {}
+        zero, found = np.zeros(solution.t.shape[:-1]), {}
+        # the errors of members take time, and drifts do not need them
+        errors: Any = {} if self.wanted.keys() == {"drift"} else solution.error.largest
         for name, wanted in self.wanted.items():
             error = errors.get(name, np.nan + zero)
             if name == "drift":
@@ -332,10 +333,11 @@ class _Search:
             shorter = run.h_without_jumps / solution.h if run else 1.0
             self.reached = shorter == 1
             self.runs.append((miss if self.reached else math.inf, solution))
-            if self.reached or not self._may_run(seconds / shorter):
-                return None
-            self.reason = f"a point may pass through another in a step of more than {shorter * value:.2g}"
-            return shorter * value if solution.n_steps <= shorter * _MANY else None
+            may_run = self.reached or self._may_run(self._seconds(solution, seconds) / shorter)
+            late = "" if may_run else f", and {self.reason}"
+            self.reason = f"a point may pass through another in a step of more than {shorter * value:.2g}{late}"
+            may_run = may_run and not self.reached and solution.n_steps <= shorter * _MANY
+            return shorter * value if may_run else None
         if is_lost and not self._is_of_drift:
             self._stalled = self._stalls_in_chaos(solution, value)
         else:
@@ -347,9 +349,13 @@ class _Search:
             return None
         order = 1.0 if self.knob == "rtol" else max(1.0, solution.order or solution.method.order)
         factor = min(0.5, max(_SHORTEN if is_lost else LARGEST_CHANGE, (AIM / miss) ** (1 / order)))
-        if self.knob == "h":  # the time outside the kernel does not grow with the steps
-            seconds = min(seconds, _WITH_ERROR * solution.kernel_seconds) / factor
+        if self.knob == "h":
+            seconds = self._seconds(solution, seconds) / factor
         return max(least, value * factor) if self._may_run(seconds) else None
+
+    def _seconds(self, solution: Solution, seconds: float) -> float:
+        """Return the seconds that grow with the steps: those outside the kernel do not."""
+        return min(seconds, _WITH_ERROR * solution.kernel_seconds)
 
     def _stalls_in_chaos(self, solution: Solution, value: float) -> int:
         """Return the number of runs up to this run that show that shorter steps hardly help.

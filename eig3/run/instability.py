@@ -25,7 +25,8 @@ def has_grown(system: System, n_steps: Any, ends: Any, starts: Any) -> Any:
     """
     is_linear = mark(system.rhs, "is_linear")
     factor = _GROWN_LINEAR if is_linear else _GROWN
-    u, v = ((end > factor * start) & (is_linear or start > 0) for end, start in zip(ends, starts, strict=True))
+    from_rest = bool(is_linear) & (sum(starts) == 0)
+    u, v = ((end > factor * start) & (from_rest | (start > 0)) for end, start in zip(ends, starts, strict=True))
     return (u | v) & (is_linear or (n_steps >= VERY_MANY_STEPS) & system.callback.reads_velocity)
 
 

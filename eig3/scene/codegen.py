@@ -15,6 +15,7 @@ from __future__ import annotations
 import functools
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -319,8 +320,12 @@ class _Functions(Text):
 
     def angles_of(self, functions: dict[str, Any]) -> Angles:
         """Return the names and the function of these angles, and the degrees of freedom that show how bodies turn."""
-        titles = [mesh.laws[0].effect.title for mesh in self.jumping for _ in range(mesh.size)]
-        names = [f"{title} {titles[:k].count(title)}" for k, title in enumerate(titles)]
+        counts: Counter[str] = Counter()
+        names = []
+        for mesh in self.jumping:
+            title = mesh.laws[0].effect.title
+            names += [f"{title} {counts[title] + k}" for k in range(mesh.size)]
+            counts[title] += mesh.size
         return Angles(self._turning, tuple(names), functions["angles"])
 
     # The parts of these functions

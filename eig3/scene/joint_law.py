@@ -27,13 +27,13 @@ from .of_law import OfLaw, call_of, calling
 
 _OF_JOINT = ("t", "x", "v", "state")
 _PULLS = {"tension": "", "force_density": " * r"}
-_SAME = 1e-9  # relative difference of two torques that are equal
+_SAME = 1e-9  # difference of two torques that are equal, relative to these and another torque: sin(pi) is not 0
 
 
 @element
-def angle_of_jump(angle: Any, after: Any, before: Any) -> Any:
+def angle_of_jump(angle: Any, after: Any, before: Any, other: Any) -> Any:
     """Return the angle, or 0 if the torque does not jump where the angle changes from pi to -pi."""
-    return angle if abs(after - before) > _SAME * (abs(after) + abs(before)) else 0.0
+    return angle if abs(after - before) > _SAME * (abs(after) + abs(before) + abs(other)) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,9 +117,9 @@ def _of_joint(inner: tuple[tuple[str, Any], ...], points: int, kinematics: tuple
     results = {name: calls[name] for name in ("potential", "event", "state_after", RATE) if name in law}
     results["forces"] = f"forces_of(x, {force})"
     of_law = "angle" if "torque" in law else "r"  # of a motor, or of a link, which may have a field angle
-    after, before = (re.sub(rf"\b{of_law}\b", repr(at), force) for at in (-math.pi, math.pi))
-    if wraps and after != force:
-        results[JUMPING] = f"angle_of_jump({of_law}, {after}, {before})"
+    torques = [re.sub(rf"\b{of_law}\b", repr(at), force) for at in (-math.pi, math.pi, 1.0)]
+    if wraps and force not in torques:
+        results[JUMPING] = f"angle_of_jump({of_law}, {', '.join(torques)})"
     of_points = {of_law: f"r_of({', '.join(f'x[{k}]' for k in range(points))})", "rate": "rate_of(x, v)"}
     lines = {}
     for name, result in results.items():

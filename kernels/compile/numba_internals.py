@@ -1069,9 +1069,7 @@ pickled, unpickled = cloudpickle.dumps, cloudpickle.loads
 
 def is_write_to_readonly(error: Exception) -> bool:
     """Return whether a function did not compile because it writes to an array that it may only read."""
-    # Numba finds no form of `u += 1` for such an array, and then fails itself.
-    texts = "Cannot modify readonly array", "output that is read-only", "'NoneType' object has no attribute 'args'"
-    return any(text in str(error) for text in texts)
+    return any(text in str(error) for text in ("Cannot modify readonly array", "output that is read-only"))
 
 
 def gist(error: Exception) -> str:
@@ -1079,6 +1077,8 @@ def gist(error: Exception) -> str:
     text = str(error)
     if text == "compilation disabled":
         return "its decorator must not list signatures"
+    if text == "'NoneType' object has no attribute 'args'":  # Numba finds no form of such an operator, and then fails
+        return "it has an operator such as += on an array that it may only read, or on an array of other numbers"
     plain = re.search(r"Untyped global name '(\w+)':.*<class 'function'>", text)
     missing = re.search(r">>> (.*)", text)
     keyed = re.search(r"getitem\(Parameters\(.*Literal\[str\]\((\w+)\)", text)
