@@ -457,7 +457,8 @@ def test_a_problem_with_negative_times_and_an_unknown_named_u(tmp_path, monkeypa
     sweep = ["sweep", "hard.py:problem", "--t-end", "-4", "--set", "u0[0]=1:2:2", "--out", ".", "--measure"]
     assert main([*sweep, "max:F, N"]) == 0
     assert Path("sweep.csv").read_text() == 'u0[0],"max:F, N",status\n1.0,1.0,completed\n2.0,4.0,completed\n'
-    (tmp_path / "many.py").write_text(HARD_PROBLEM.replace('"u": 7.0, "a, b": 8.0', '"q": [7.0, 7.5], "q0": 8.0, "t": 9.0'))
+    many = HARD_PROBLEM.replace('"u": 7.0, "a, b": 8.0', '"q": [7.0, 7.5], "q0": 8.0, "t": 9.0')
+    (tmp_path / "many.py").write_text(many)
     main(["run", "many.py:problem", "--t-end", "-4", "--out", "."])
     assert Path("hard.csv").read_text().startswith("t,u0,v0,q[0],q[1],q0,z.t\n")
     with pytest.raises(SystemExit, match=r"path must end with .extxyz, .xyz, .dump, .dcd, .pvd, .vtkhdf, not 'X.PVD'"):
