@@ -191,14 +191,59 @@ def test_chaos_is_reported(slow_processor, monkeypatch):
     assert "not reached: " in repr(plan)
 
 
-def test_what_a_short_part_does_not_show_is_taken_from_a_longer_one():
+@pytest.mark.parametrize("is_known", [True, False])
+def test_what_a_short_part_does_not_show_is_taken_from_a_longer_one(is_known, monkeypatch):
     """Within 39 s, the errors of a chaotic motion are small; a regular motion over as many periods has its plan."""
+    if not is_known:
+        monkeypatch.setattr(step_search.Search, "is_chaotic", False)
     plan = eig3.plan(problems.double_pendulum(t_end=1e4), 1e-6, methods=["rk8"])
-    assert plan.window[1] - plan.window[0] < 100
+    assert (plan.window[1] - plan.window[0] < 100) != is_known  # if the runs over 625 s show chaos, they are the last
     assert all("error grows too fast with time, as in chaos: over 625 time units" in p.note for p in plan.predictions)
     regular = eig3.plan(problems.henon_heiles().with_(t_span=(0, 1e5)), 1e-6, methods=["rk8"])
     assert regular.window[1] - regular.window[0] < 1e4
     assert regular.predictions[0].reaches
+
+
+def runs_of(pilots, method, *runs):
+    """A search with runs, each with its steps, its error, and the fraction of the span up to which it is right."""
+    search = step_search.Search(pilots, method)
+    for n_steps, error, right in runs:
+        search.add(step_search.Run(n_steps, error, seen_error=error, right=right))
+    return search
+
+
+@pytest.mark.parametrize(
+    ("runs", "expected"),
+    [
+        ([(1000, 1.8, 0.25), (2000, 1.7, 0.28)], True),
+        ([(1000, 1.8, 0.25), (2000, 1.7, 0.36)], False),  # the time grows like h^(-1/2): kinks in a regular motion
+        ([(1000, 1.8, 0.25), (2000, 0.1, math.inf)], False),
+        ([(100, 1.8, 0.25), (200, 1.7, 0.28)], False),  # 25 steps may be too few for the motion
+        ([(1000, 2.1, 0.25), (2000, 1.7, 0.28)], False),  # the first one is unstable
+        ([(2000, 1.7, 0.28)], False),
+    ],
+)
+def test_in_chaos_a_shorter_step_hardly_extends_the_time_of_right_digits(runs, expected):
+    search = runs_of(pilots.Pilots(problems.single_dof(), "trajectory", 1e-4), step_search.GUIDE, *runs)
+    assert search.is_chaotic == expected
+
+
+def test_a_large_chaotic_system_is_no_promise_of_a_short_part():
+    """The flag loses its last digit at 0.4 s of 4 s; a plan from 0.016 s promised 1e-5 for all of them."""
+    plan = eig3.plan(problems.flag(), 1e-4, methods=["eig3"])
+    (prediction,) = plan.predictions
+    assert not prediction.reaches
+    assert "error grows too fast with time, as in chaos: over 4 time units" in prediction.note
+
+
+def test_a_run_whose_steps_become_slow_is_stopped(monkeypatch):
+    """Where grains penetrate each other, a step takes up to a hundred times as long: it is first one step."""
+    monkeypatch.setattr(pilots, "_SLOW_STEP", 0.0)
+    runs = pilots.Pilots(problems.single_dof(), "trajectory", 1e-4)
+    runs.predicted(step_search.GUIDE, 1)
+    history = runs.history(step_search.GUIDE, 61 * 512, longest=1e-4)
+    assert not history.is_whole
+    assert step_search.GUIDE not in runs._paces  # they tell nothing about the steps of other runs
 
 
 def test_the_error_of_16_000_orbits_is_that_of_the_plan():

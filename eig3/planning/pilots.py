@@ -34,7 +34,8 @@ _STEPS_PER_STATE = 16  # least number of steps between these states, in a run of
 _FOLLOWED = 2**22  # largest number of values in the states of a run whose energy is computed
 _PIECES = 32  # pieces of a run, which is checked after each,
 _PIECE = 512  # with at least this number of steps: the call takes as long as some ten steps,
-_FIRST_PIECE = 8  # or first with this number, because each step of an unstable run may have many events
+_FIRST_PIECE = 8  # or first with this number, because each step of an unstable run may have many events,
+_SLOW_STEP = 1e-3  # or first a single step if it takes more than this time, s: in an unstable run, it may take longer
 _SAME_SPEED = 1.6  # largest ratio of the speeds of two runs that may show the same motion
 _DIVERGED = 100.0  # a motion that is larger than the reference by this factor is unstable
 _AT_REST = 1e-150  # a motion below this has decayed
@@ -73,13 +74,17 @@ class History:
 
 @dataclass(frozen=True)
 class Run:
-    """A run: its steps and error over the part of the span, its error over the whole span, and the cost of a step."""
+    """A run: its steps and error over the part of the span, its error over the whole span, and the cost of a step.
+
+    `right` is the fraction of the part up to which the error is at most `CONVERGING`; infinity if it always is.
+    """
 
     n_steps: int
     error: float  # infinite if the run diverged
     seconds: float = math.nan
     evaluations: float = math.nan
     seen_error: float = math.inf  # over the part
+    right: float = math.inf
 
 
 class Pilots:
@@ -256,7 +261,7 @@ class Pilots:
         if coarse is None or fine is None:
             return
         self.refer_to(fine)
-        error, _ = self._error(coarse)
+        error, *_ = self._error(coarse)
         if error > 0:
             self._growth, self.knows_growth = max(1.0, whole.error / error), True
 
@@ -337,9 +342,9 @@ class Pilots:
 
     def judged(self, n_steps: int, history: History) -> Run:
         """The run of this history, with its error extrapolated to the whole span."""
-        error, power = self._error(history)
+        error, power, right = self._error(history)
         growth = (1 / self.part) ** max(power, self.least_power) if self._growth is None else self._growth
-        return Run(n_steps, error * growth, history.seconds / n_steps, history.n_rhs / n_steps, error)
+        return Run(n_steps, error * growth, history.seconds / n_steps, history.n_rhs / n_steps, error, right)
 
     @property
     def sizes(self) -> tuple[float, float] | None:
@@ -391,6 +396,8 @@ class Pilots:
         fewest = 1 if follow else math.ceil(_PIECE / every)
         most = max(fewest, math.ceil(states / _PIECES))
         each = math.ceil(_FIRST_PIECE / every) if self._events else most
+        if self._paces.get(method, 0.0) > _SLOW_STEP:
+            each = 1
         shape = most if follow else states, *np.shape(self._u0)
         u, v = np.empty(shape), np.empty(shape)
         ends: list[tuple[float, Any, Any]] = []
@@ -404,7 +411,7 @@ class Pilots:
             is_unstable = stepper.look is not None and stepper.look.n_found > stepper.index
             if taken < count or is_unstable or not stepper.is_finite or stepper.sizes[0] > self._largest:
                 return None
-            self._paces[method], each = (time.thread_time() - begin) / stepper.index, most
+            self._paces[method], each = (time.thread_time() - begin) / stepper.index, min(2 * each, most)
             if follow:
                 drift = max(drift, self._drift(first + 1, h * every, u[rows], v[rows]))
                 ends.append((stepper.t, stepper.u, stepper.v))
@@ -420,6 +427,8 @@ class Pilots:
             t = self.window[0] + h * every * np.arange(1, seen + 1)
             u, v = u[:seen], v[:seen]
         is_whole = decayed or stepper.index == n_steps
+        if not is_whole:
+            self._paces.pop(method, None)  # points that penetrate each other make steps slow
         return History(stepper.seconds * whole, stepper.n_rhs * whole, t, u, v, drift, is_whole, method, h)
 
     @property
@@ -522,10 +531,10 @@ class Pilots:
         changes = np.abs(energies(self._energy, params, t, u, v) - start)
         return float(changes.max(initial=0.0)) / abs(self._start_energy)
 
-    def _error(self, history: History) -> tuple[float, float]:
-        """The error within the window, and the exponent of its growth with time."""
+    def _error(self, history: History) -> tuple[float, float, float]:
+        """The error within the window, the exponent of its growth with time, and `Run.right`."""
         if not self.needs_reference:
-            return history.drift, 1.0
+            return history.drift, 1.0, math.inf
         assert self._reference is not None
         if math.isnan(history.h):
             t, u, known = self._at_some_steps(history)
@@ -534,7 +543,9 @@ class Pilots:
             t, u, known = (x[len(x) // both - 1 :: len(x) // both] for x in (history.t, history.u, self._reference.u))
         errors = np.abs(self._moving(u) - self._moving(known)).reshape(len(t), -1).max(axis=1, initial=0.0) / self.size
         error, half = float(errors.max()), float(errors[t <= sum(self.window) / 2].max(initial=0.0))
-        return error, min(2.0, max(0.0, math.log2(error / half))) if half > 0 else 1.0
+        right = np.append(self.window[0], t)[np.flatnonzero(errors > CONVERGING)]  # the state before each wrong one
+        power = min(2.0, max(0.0, math.log2(error / half))) if half > 0 else 1.0
+        return error, power, float((right.min(initial=math.inf) - self.window[0]) / (self.part * self.span))
 
     def _at_some_steps(self, history: History) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return times of a run with tolerances, its displacements, and the reference at these times.

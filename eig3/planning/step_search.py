@@ -21,12 +21,14 @@ _TRIALS = (
     (1.0, GUIDE, 0.3),
     (1.0, SCOUT, 4.0),
     (1 / 16, GUIDE, 1.0),
-    (1 / 16, SCOUT, 0.5),
+    (1 / 16, SCOUT, 2.5),
     (1 / 256, GUIDE, 0.5),
     (1 / 256, SCOUT, 0.5),
     (1 / 4096, GUIDE, 0.5),
 )
-_GUIDE_WORK = 2**26  # the work that is always allowed for one trial
+_GUIDE_WORK = 2**26  # the work that is always allowed for one trial, in runs that are expected to take less time than
+_SMALL_SECONDS = 1.5, 0.5  # this, s, or than this if the error of the last run gives no hope
+_SLOWER = 2.0  # a run that takes longer by this factor than was expected is stopped
 _SURVEY_SECONDS = 5.0  # longest processor time of a run that surveys the whole span,
 _UNSTABLE_SECONDS = 1.0  # and of the unstable runs before it
 _SLOW_UNSTABLE = 0.1  # the next unstable run would take longer, s: the next run is stable at its beginning
@@ -41,6 +43,7 @@ _STEEP = 2.0  # an error that grows with more than this multiple of its order is
 _ROUND_OFF = 1e-6  # an error below this is round-off if it decreases with a power of the step
 _FAR = 100.0  # an error of this multiple of the aim is far from it
 _STALLED = 0.5  # below this
+_RESOLVED = 100  # with fewer steps before the time from which no digit is right, the step is too long to show chaos
 _FASTER = 10.0  # an error that is larger by this factor grows faster than with the square of time
 _LEAST = 5e-14  # runs agree better than this only by chance
 
@@ -80,6 +83,8 @@ def guide(pilots: Pilots) -> Search | str:
             return _beside(longer, search, seconds)
         if found:
             return search
+        if search.is_chaotic:
+            return _too_fast(pilots, part, search.runs[-1])
         if method == GUIDE and search.runs:
             longer.append((part, search.runs[-1]))
     return failure
@@ -99,7 +104,8 @@ def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
         surveys and not coarse and unstable + next_unstable < min(_UNSTABLE_SECONDS, pilots.left)
     ):
         before = pilots.left
-        fine = pilots.history(method, n_steps, _SURVEY_SECONDS if surveys else math.inf)
+        expected = _SLOWER * max(_SMALL_SECONDS[1], pilots.predicted(method, n_steps))
+        fine = pilots.history(method, n_steps, _SURVEY_SECONDS if surveys else expected)
         work += pilots.work(method, n_steps)
         if fine is None:
             search.add(Run(n_steps, math.inf))
@@ -126,7 +132,9 @@ def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
             return False
         coarse = fine
         n_steps *= 2
-    return False
+    if search.reaches:
+        pilots.trust()
+    return search.reaches
 
 
 def _beside(longer: Sequence[tuple[float, Run]], search: Search, seconds: float) -> Search | str:
@@ -138,12 +146,8 @@ def _beside(longer: Sequence[tuple[float, Run]], search: Search, seconds: float)
     for part, run in longer:
         coarser = [each.seen_error for each in search.runs if each.n_steps / pilots.part <= run.n_steps / part]
         largest = _FASTER * (part / pilots.part) ** 2 * min(coarser, default=math.inf)
-        if max(CONVERGING, largest) < run.seen_error < math.inf:
-            t = part * pilots.span
-            return (
-                f"the error grows too fast with time, as in chaos: over {t:.3g} time units, it is {run.seen_error:.1e} "
-                f"with h = {t / run.n_steps:.2g}"
-            )
+        if max(pilots.aim, largest) < run.seen_error < math.inf:
+            return _too_fast(pilots, part, run)
         pilots.note_growth(search.runs, part, run)
     growth = (1 / pilots.part) ** pilots.least_power
     if all(run.error >= growth * run.seen_error for run in search.runs):  # the errors were extrapolated so far already
@@ -154,6 +158,15 @@ def _beside(longer: Sequence[tuple[float, Run]], search: Search, seconds: float)
     return (
         f"the error grows like t^{pilots.least_power:.2g}, and cannot be known from runs over "
         f"{pilots.part * pilots.span:.3g} time units"
+    )
+
+
+def _too_fast(pilots: Pilots, part: float, run: Run) -> str:
+    """Return the reason why a run over this part of the span allows no prediction."""
+    t = part * pilots.span
+    return (
+        f"the error grows too fast with time, as in chaos: over {t:.3g} time units, it is {run.seen_error:.1e} with "
+        f"h = {t / run.n_steps:.2g}"
     )
 
 
@@ -177,10 +190,13 @@ def _may_run(search: Search, n_steps: int, until: float, work: float) -> bool:
     following = 1.0
     if error <= CONVERGING:  # the error with a half or a quarter of the steps: more steps reduce it by the order
         following = max(1.0, (error / _agreement(pilots)) ** (1 / method.order) / 2)
-    is_small = work + pilots.work(method, n_steps * following) < _GUIDE_WORK
     seconds = pilots.predicted(method, n_steps)
     in_time = pilots.spent + seconds * following < until
-    is_hopeful = error <= CONVERGING or error > _LARGEST  # a larger error is caused by instability
+    # A larger error is caused by instability, and two errors show whether the motion is chaotic.
+    is_hopeful = error <= CONVERGING or error > _LARGEST or sum(run.seen_error <= _LARGEST for run in search.runs) < 2
+    is_small = work + pilots.work(method, n_steps * following) < _GUIDE_WORK
+    has_fewest = n_steps <= 2 * FEWEST and seconds < pilots.left / 3  # a part of the span would need as many steps
+    is_small &= seconds < _SMALL_SECONDS[0 if is_hopeful else 1] or has_fewest
     return seconds < pilots.left and (is_small or (in_time and is_hopeful))
 
 
@@ -375,6 +391,22 @@ class Search(Timed):
         An implicit method takes more iterations in a longer step.
         """
         return (self._good or next(run for run in reversed(self.runs) if math.isfinite(run.error))).evaluations
+
+    @property
+    def is_chaotic(self) -> bool:
+        """Whether a shorter step hardly extends the time up to which digits are right.
+
+        In a regular motion, an error grows at most with about the square of time. So this time grows at least like
+        h^(-1/2), also if kinks of the force reduce the order to 1.
+        """
+        last = self.runs[-2:]
+        is_resolved = all(
+            run.seen_error <= _LARGEST and _RESOLVED <= run.right * run.n_steps < math.inf for run in last
+        )
+        if len(last) < 2 or not is_resolved or not self.is_settled:
+            return False
+        coarse, fine = last
+        return fine.right / coarse.right < math.sqrt(fine.n_steps / coarse.n_steps)
 
     @property
     def verdict(self) -> str:
