@@ -198,10 +198,21 @@ def test_what_a_short_part_does_not_show_is_taken_from_a_longer_one(is_known, mo
         monkeypatch.setattr(step_search.Search, "is_chaotic", False)
     plan = eig3.plan(problems.double_pendulum(t_end=1e4), 1e-6, methods=["rk8"])
     assert (plan.window[1] - plan.window[0] < 100) != is_known  # if the runs over 625 s show chaos, they are the last
-    assert all("error grows too fast with time, as in chaos: over 625 time units" in p.note for p in plan.predictions)
+    assert all(
+        "error grows too fast with time, as in chaos or after kinks of the force: over 625 time units" in p.note
+        for p in plan.predictions
+    )
     regular = eig3.plan(problems.henon_heiles().with_(t_span=(0, 1e5)), 1e-6, methods=["rk8"])
     assert regular.window[1] - regular.window[0] < 1e4
     assert regular.predictions[0].reaches
+
+
+def test_kinks_outside_a_short_part_deny_its_promise():
+    """At 1e-7, the part of 3 ms has no contact, and RK8 promised 5e-15 for all 800 ms, with the error 9e-7."""
+    search = runs_of(pilots.Pilots(problems.single_dof(), "trajectory", 1e-7), step_search.GUIDE, (61, 1e-15, math.inf))
+    search.pilots.look_at(1 / 256)
+    promised = step_search._beside([(1 / 16, step_search.Run(976, 7e-7, seen_error=3e-8))], search, 1.0)
+    assert "error grows too fast with time, as in chaos or after kinks of the force" in promised
 
 
 def runs_of(pilots, method, *runs):
@@ -233,7 +244,9 @@ def test_a_large_chaotic_system_is_no_promise_of_a_short_part():
     plan = eig3.plan(problems.flag(), 1e-4, methods=["eig3"])
     (prediction,) = plan.predictions
     assert not prediction.reaches
-    assert "error grows too fast with time, as in chaos: over 4 time units" in prediction.note
+    assert (
+        "error grows too fast with time, as in chaos or after kinks of the force: over 4 time units" in prediction.note
+    )
 
 
 def test_a_run_whose_steps_become_slow_is_stopped(monkeypatch):

@@ -146,7 +146,7 @@ def _beside(longer: Sequence[tuple[float, Run]], search: Search, seconds: float)
     for part, run in longer:
         coarser = [each.seen_error for each in search.runs if each.n_steps / pilots.part <= run.n_steps / part]
         largest = _FASTER * (part / pilots.part) ** 2 * min(coarser, default=math.inf)
-        if max(pilots.aim, largest) < run.seen_error < math.inf:
+        if largest < run.seen_error < math.inf and run.error > pilots.aim:
             return _too_fast(pilots, part, run)
         pilots.note_growth(search.runs, part, run)
     growth = (1 / pilots.part) ** pilots.least_power
@@ -165,8 +165,8 @@ def _too_fast(pilots: Pilots, part: float, run: Run) -> str:
     """Return the reason why a run over this part of the span allows no prediction."""
     t = part * pilots.span
     return (
-        f"the error grows too fast with time, as in chaos: over {t:.3g} time units, it is {run.seen_error:.1e} with "
-        f"h = {t / run.n_steps:.2g}"
+        f"the error grows too fast with time, as in chaos or after kinks of the force: over {t:.3g} time units, it is "
+        f"{run.seen_error:.1e} with h = {t / run.n_steps:.2g}"
     )
 
 
