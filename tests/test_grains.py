@@ -533,7 +533,7 @@ def test_a_fixed_step_that_may_jump_over_a_contact_has_a_note(effect):
     assert not [each for each in problem.integrate(h=0.01).notes if "a point moves" in each]
 
 
-def test_an_accuracy_is_not_reached_by_steps_that_jump_over_an_impact():
+def test_neither_an_accuracy_nor_a_plan_is_reached_by_steps_that_jump_over_an_impact():
     """Without the impact, 250 to 1500 steps show no error. In the impact, the balls exchange their velocities."""
     scene = Scene(dimension=2)
     balls = scene.mass([1.0, 1.0], [(0, 0), (1.0017, 0)], [(1.0, 0), (0, 0)])
@@ -543,6 +543,9 @@ def test_an_accuracy_is_not_reached_by_steps_that_jump_over_an_impact():
     np.testing.assert_allclose(run.u[-1], [1.0016, 2.0001, 0, 0], atol=1e-4)
     assert run.success
     assert run.h <= 0.5e-4  # half of the contact distance in a step
+    (prediction,) = eig3.plan(problem, 1e-4, methods=["eig3"]).predictions
+    assert prediction.h <= 0.5e-4
+    assert "limited by stability or by contacts" in prediction.note
     params = np.where(problem.params == 1e-4, 1e-9, problem.params)
     smaller = problem.with_(params=params).integrate(accuracy=1e-4, method="eig3", save_every=None)
     assert "because a point may pass through another in a step of more than 1.3e-10" in smaller.message
