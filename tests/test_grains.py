@@ -531,6 +531,8 @@ def test_a_fixed_step_that_may_jump_over_a_contact_has_a_note(effect):
     np.testing.assert_array_equal(run.v[-1], problem.v0)
     assert [note in " ".join(each.notes) for each in (run, members)] == [True, True]
     assert not [each for each in problem.integrate(h=0.01).notes if "a point moves" in each]
+    scene.mass(1.0, (0.0, 9.0), (0.0, 100.0))  # no contact acts on it
+    assert not [each for each in scene.problem((0, 6.6)).integrate(h=0.01).notes if "a point moves" in each]
 
 
 def test_neither_an_accuracy_nor_a_plan_is_reached_by_steps_that_jump_over_an_impact():
