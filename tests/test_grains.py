@@ -516,6 +516,8 @@ def test_the_limit_of_a_very_short_contact_distance_is_noted():
     (note,) = run.notes
     assert "contact distance or cutoff limits the steps, and not rtol" in note
     assert run.n_steps >= 32_000
+    members = problem.ensemble(rtol=1e-6, v0=[problem.v0, 0.1 * problem.v0])
+    assert members.notes == (f"{note} This is member 0.",)
     assert longer.notes == ()
     assert longer.n_steps < 100
     np.testing.assert_allclose(longer.u[-1], run.u[-1], rtol=1e-12)

@@ -104,6 +104,14 @@ def long_ways(h: np.ndarray, speeds: np.ndarray, least: float, first: int = 0) -
     )
 
 
+def limited_ways(way: float) -> str:
+    """Describe the longest way of a point in a step, which limits the steps of a run with tolerances."""
+    return (
+        "A short contact distance or cutoff limits the steps, and not rtol: no point moves further than an eighth of "
+        f"it, {way:.2g}, in a step, so that none passes through another. h_max replaces this limit."
+    )
+
+
 def h_without_jumps(stepper: Stepper) -> float:
     """Return the step, or a shorter step if a point may pass through another in the step."""
     cutoffs = stepper.system.cutoffs
