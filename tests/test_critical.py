@@ -383,7 +383,8 @@ def test_a_weakly_growing_grade_names_its_rate_and_a_practical_step():
     assert float(found[1]) == pytest.approx(practical_limit(method) / 4, rel=1e-3)  # four digits
     assert "EIG(grade=" in str(caught.value)
     assert str(caught.value).endswith(
-        "choose a step below that, or a method that has a stable step for it, such as 'eig3', 'cd', 'rk4'."
+        "take such a step for a short run, and for a long run a method that has a stable step for it, such as "
+        "'eig3', 'cd', 'rk4'."
     )
     with pytest.raises(NoCriticalStepError, match=r"up to h = 0\.02364 \(by Omega\^4/8, where"):
         critical_step(oscillator, 1.0, 0.0, (4.0, 0.0), method="rk2")

@@ -211,7 +211,8 @@ def _growth_of(method: Method, system: Linearised) -> str:
         return "choose "
     rate = "" if system.C.any() else growth_in_words(method.without_velocity())
     shown = f" (by {rate}, where Omega = omega h)" if rate else ""
-    return f"it grows weakly, by less than {NEGLIGIBLE} a step up to h = {h:.4g}{shown}; choose a step below that, or "
+    least = f"by less than {NEGLIGIBLE} a step up to h = {h:.4g}{shown}"
+    return f"it grows weakly, {least}; take such a step for a short run, and for a long run "
 
 
 def _such_as(system: Linearised) -> str:
