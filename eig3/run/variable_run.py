@@ -210,7 +210,7 @@ class VariableRun(Run):
             f"{AT_SINGULAR}: begin after it, or change the mechanism so that it does not come there."
             if is_singular(stepper, stepper.h)
             else f"{AT_WHOLE_TURN}."
-            if is_at_whole_turn(stepper, stepper.h)
+            if is_at_whole_turn(stepper.system.labels, stepper.u, stepper.v, stepper.h)
             else ": the motion may be singular there, rhs may jump or be NaN, or rtol and atol may be too small"
             f"{relative}."
         )
