@@ -118,13 +118,13 @@ class SineSpring(Link):
         return stiffness * math.sin(r)
 
 
-def test_a_note_on_functions_of_the_c_library_is_for_effects_that_the_user_wrote():
+def test_a_note_on_functions_of_the_c_library_is_for_functions_that_the_user_wrote():
     """A hinge calls atan2, and the user of a scene writes no rhs that could call something else."""
     scene = Scene(1)
     scene.add(SineSpring(2.0), scene.fixed(0.0), scene.mass(1.0, 0.5))
     (note,) = scene.problem((0, 1)).ensemble(u0=np.ones((2, 1)), h=0.01).notes
-    assert note.startswith("The force of the scene is not vectorised: it calls sin of the C library")
-    assert note.endswith("in effects that you wrote, use the functions of eig3.math.")
+    assert note.startswith("The force of the problem is not vectorised: it calls sin of the C library")
+    assert note.endswith("in functions that you wrote, use the functions of eig3.math.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 from ..functions.callbacks import Callback, with_present_globals
-from ..functions.companions import constraints_of
+from ..functions.companions import constraints_of, mark
 from ..functions.layout import bound_layout
 from ..functions.quantities import Quantity
 from ..functions.records import left_out_of
@@ -155,8 +155,8 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
             "eig3.math.interp."
         )
     note = functions["rhs"].obstacle and f"rhs is not vectorised: {functions['rhs'].obstacle}."
-    if left_out_of(rhs) is not None:
-        note = note.replace("rhs", "The force of the scene", 1).replace("; ", "; in effects that you wrote, ")
+    if left_out_of(rhs) is not None or mark(rhs, "is_linear") is not None:  # the code of a scene or a structure
+        note = note.replace("rhs", "The force of the problem", 1).replace("; ", "; in functions that you wrote, ")
     return Setup(method, layout, named, prepared, histories, single, **functions), note
 
 
