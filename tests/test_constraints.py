@@ -316,6 +316,8 @@ def test_constraints_that_do_not_fit_are_named():
         moved.problem((0.0, 1.0))
     with pytest.raises(ValueError, match="method 'cd' does not support constraints"):
         problem.integrate(h=1e-3, method="cd")
+    with pytest.raises(ValueError, match="method 'cd' does not support constraints"):
+        problem.critical_step(method="cd")
     with pytest.raises(ValueError, match="needs a rhs that ignores v"):
         problem.integrate(h=1e-3, method="bm6", invariants={})
 

@@ -277,6 +277,18 @@ def test_gyroscopic_systems_limit_methods_by_their_rates(method, params, rate):
     assert farthest(params, method, 1.01 * found.limit, 20_000) > 1e6
 
 
+@pytest.mark.parametrize(("n", "seed"), [(4, 9), (8, 1), (10, 0)])
+def test_round_off_of_differences_is_no_growth_of_gyroscopic_structures(n, seed):
+    """All rates are imaginary, and RK4 is stable up to sqrt(8). Errors of 1e-5 in K and C had given them real parts."""
+    random = np.random.default_rng(seed)
+    A, B = random.normal(size=(2, n, n))
+    K, C = A @ A.T + np.eye(n), 3 * (B - B.T)
+    u, v = random.normal(size=(2, n))
+    found = critical_step(structure, u, v, np.concatenate([K.ravel(), C.ravel()]), method="rk4")
+    rates = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-K, -C]]))
+    assert found.limit == pytest.approx(math.sqrt(8) / np.abs(rates).max(), rel=1e-6)
+
+
 def test_gyroscopic_limit_of_central_difference():
     """2 cos phi - g sin phi = 2 - s has four real solutions while s < 2 + sqrt(4 + g^2), s = k h^2 and g = kappa h,
     that is h < sqrt(4 k + kappa^2) / k. K and C by differences and the search add up to far less than 1e-6."""
@@ -383,7 +395,8 @@ def test_a_weakly_growing_grade_names_its_rate_and_a_practical_step():
     assert float(found[1]) == pytest.approx(practical_limit(method) / 4, rel=1e-3)  # four digits
     assert "EIG(grade=" in str(caught.value)
     assert str(caught.value).endswith(
-        "choose a step below that, or a method that has a stable step for it, such as 'eig3', 'cd', 'rk4'."
+        "take such a step for a short run, and for a long run a method that has a stable step for it, such as "
+        "'eig3', 'cd', 'rk4'."
     )
     with pytest.raises(NoCriticalStepError, match=r"up to h = 0\.02364 \(by Omega\^4/8, where"):
         critical_step(oscillator, 1.0, 0.0, (4.0, 0.0), method="rk2")

@@ -413,6 +413,9 @@ def test_a_run_in_space_ends_where_a_node_has_turned_once():
         assert each.t[-1] == pytest.approx(2 * np.pi / 3, abs=error)
         for text in (each.message, each.explain()):
             assert "a node has rotated by 2 pi" in text
+    slow = problem.ensemble(v0=np.outer([1.0, 0.5], v0), h=1e-3, save_every=None)  # which turns by half of it
+    assert ["a node has rotated by 2 pi" in text for text in slow.message] == [True, False]
+    assert "The force of the problem is not vectorised: it calls atan2" in slow.notes[0]
 
 
 def test_an_unstable_step_is_no_whole_turn():

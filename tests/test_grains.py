@@ -516,6 +516,8 @@ def test_the_limit_of_a_very_short_contact_distance_is_noted():
     (note,) = run.notes
     assert "contact distance or cutoff limits the steps, and not rtol" in note
     assert run.n_steps >= 32_000
+    members = problem.ensemble(rtol=1e-6, v0=[problem.v0, 0.1 * problem.v0])
+    assert members.notes == (f"{note} This is member 0.",)
     assert longer.notes == ()
     assert longer.n_steps < 100
     np.testing.assert_allclose(longer.u[-1], run.u[-1], rtol=1e-12)
@@ -531,9 +533,11 @@ def test_a_fixed_step_that_may_jump_over_a_contact_has_a_note(effect):
     np.testing.assert_array_equal(run.v[-1], problem.v0)
     assert [note in " ".join(each.notes) for each in (run, members)] == [True, True]
     assert not [each for each in problem.integrate(h=0.01).notes if "a point moves" in each]
+    scene.mass(1.0, (0.0, 9.0), (0.0, 100.0))  # no contact acts on it
+    assert not [each for each in scene.problem((0, 6.6)).integrate(h=0.01).notes if "a point moves" in each]
 
 
-def test_an_accuracy_is_not_reached_by_steps_that_jump_over_an_impact():
+def test_neither_an_accuracy_nor_a_plan_is_reached_by_steps_that_jump_over_an_impact():
     """Without the impact, 250 to 1500 steps show no error. In the impact, the balls exchange their velocities."""
     scene = Scene(dimension=2)
     balls = scene.mass([1.0, 1.0], [(0, 0), (1.0017, 0)], [(1.0, 0), (0, 0)])
@@ -543,6 +547,9 @@ def test_an_accuracy_is_not_reached_by_steps_that_jump_over_an_impact():
     np.testing.assert_allclose(run.u[-1], [1.0016, 2.0001, 0, 0], atol=1e-4)
     assert run.success
     assert run.h <= 0.5e-4  # half of the contact distance in a step
+    (prediction,) = eig3.plan(problem, 1e-4, methods=["eig3"]).predictions
+    assert prediction.h <= 0.5e-4
+    assert "limited by stability or by contacts" in prediction.note
     params = np.where(problem.params == 1e-4, 1e-9, problem.params)
     smaller = problem.with_(params=params).integrate(accuracy=1e-4, method="eig3", save_every=None)
     assert "because a point may pass through another in a step of more than 1.3e-10" in smaller.message

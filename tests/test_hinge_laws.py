@@ -1,5 +1,6 @@
 """Laws of links for the angle between rigid bodies."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,6 +106,25 @@ def test_a_plastic_hinge_and_a_gap_between_two_bodies():
         np.testing.assert_allclose(members.u[k, -1], single.u[-1], rtol=0, atol=1e-11)
         name = "elastic plastic 0"
         np.testing.assert_allclose(members[k].events[name].t, single.events[name].t, rtol=0, atol=1e-10)
+
+
+@dataclass(frozen=True, eq=False)
+class SineSpring(Link):
+    stiffness: float
+
+    @staticmethod
+    @eig3.jit
+    def tension(r, stiffness):
+        return stiffness * math.sin(r)
+
+
+def test_a_note_on_functions_of_the_c_library_is_for_functions_that_the_user_wrote():
+    """A hinge calls atan2, and the user of a scene writes no rhs that could call something else."""
+    scene = Scene(1)
+    scene.add(SineSpring(2.0), scene.fixed(0.0), scene.mass(1.0, 0.5))
+    (note,) = scene.problem((0, 1)).ensemble(u0=np.ones((2, 1)), h=0.01).notes
+    assert note.startswith("The force of the problem is not vectorised: it calls sin of the C library")
+    assert note.endswith("in functions that you wrote, use the functions of eig3.math.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -95,7 +95,7 @@ def long_ways(h: np.ndarray, speeds: np.ndarray, least: float, first: int = 0) -
         The number of the first member.
     """
     i = int((h * speeds).argmax())
-    if (shorter := h_without_jumps(h[i], speeds[i], least)) == h[i]:
+    if (shorter := _without_jumps(h[i], speeds[i], least)) == h[i]:
         return ""
     whose = f" This is member {first + i}." if len(h) > 1 else ""
     return (
@@ -104,8 +104,24 @@ def long_ways(h: np.ndarray, speeds: np.ndarray, least: float, first: int = 0) -
     )
 
 
-def h_without_jumps(h: float, speed: float, least: float) -> float:
-    """Return h, or a shorter step if a point with this speed may pass through another within h."""
+def limited_ways(way: float) -> str:
+    """Describe the longest way of a point in a step, which limits the steps of a run with tolerances."""
+    return (
+        "A short contact distance or cutoff limits the steps, and not rtol: no point moves further than an eighth of "
+        f"it, {way:.2g}, in a step, so that none passes through another. h_max replaces this limit."
+    )
+
+
+def h_without_jumps(stepper: Stepper) -> float:
+    """Return the step, or a shorter step if a point may pass through another in the step."""
+    cutoffs = stepper.system.cutoffs
+    if not cutoffs:
+        return stepper.h
+    speed = float(cutoffs.speeds(stepper.start[1], stepper.v)[0])
+    return _without_jumps(stepper.h, speed, cutoffs.least(stepper.p))
+
+
+def _without_jumps(h: float, speed: float, least: float) -> float:
     return _SHORT_WAY * least / speed if _JUMP * least < h * speed < math.inf else h
 
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..functions.callbacks import jit
 from ..functions.checks import check_method, check_time, velocity_refused
+from ..functions.companions import constraints_of
 from ..keywords import with_suggestions
 from ..methods import Method
 from ..stability import (
@@ -155,6 +156,8 @@ def critical_step(
     method, t = check_method(method), check_time(t, "t")
     if isinstance(safety, bool) or not (isinstance(safety, numbers.Real) and 0 < safety <= 1):
         raise ValueError(f"safety must be a number above 0 and up to 1, not {safety!r}.")
+    if constraints_of(rhs):
+        method.with_constraints()  # refuses a method without a step for them
     start = Stepper(rhs, u0, v0, h=1.0, t0=t, params=params, method="rk4")  # checks the arguments
     return critical(start.evaluator(), t, start.u, start.v, method, float(safety))
 
@@ -211,7 +214,8 @@ def _growth_of(method: Method, system: Linearised) -> str:
         return "choose "
     rate = "" if system.C.any() else growth_in_words(method.without_velocity())
     shown = f" (by {rate}, where Omega = omega h)" if rate else ""
-    return f"it grows weakly, by less than {NEGLIGIBLE} a step up to h = {h:.4g}{shown}; choose a step below that, or "
+    least = f"by less than {NEGLIGIBLE} a step up to h = {h:.4g}{shown}"
+    return f"it grows weakly, {least}; take such a step for a short run, and for a long run "
 
 
 def _such_as(system: Linearised) -> str:

@@ -55,7 +55,7 @@ class Divergence:
     @property
     def message(self) -> str:
         """Time and degree of freedom at which the state became non-finite, and whether it is singular there."""
-        if is_at_whole_turn(self.last, self.last.h):
+        if self._is_at_whole_turn:
             return f"{self._what}{AT_WHOLE_TURN}."
         looked_for = "a way past it" if self._is_singular else "the reason"
         return f"{self._what}{self._lost}; solution.explain() looks for {looked_for}."
@@ -64,6 +64,11 @@ class Divergence:
     def _what(self) -> str:
         degree = self.degree if np.ndim(self.last.u) else None
         return became_non_finite(self.last.t, self.last.h, degree, self.last.system.labels)
+
+    @property
+    def _is_at_whole_turn(self) -> bool:
+        last = self.last
+        return is_at_whole_turn(last.system.labels, last.u, last.v, last.h)
 
     @cached_property
     def _is_singular(self) -> bool:
@@ -84,7 +89,7 @@ class Divergence:
             The sentence of `message` with the reason.
         """
         last = self.last
-        if is_at_whole_turn(last, last.h):
+        if self._is_at_whole_turn:
             return self.message
         if self._is_singular:
             return f"{self._what}{self._lost}: {ways_past(last, self.t_end)}."

@@ -18,6 +18,7 @@ _VALUES = 2**25  # largest number of values in the stored vectors: 256 MB
 _INCREMENT = 2.0**-26  # first increment of u or v, relative to its size: balances truncation against round-off
 _LONGEST_INCREMENT = 2.0**-10  # longest increment, relative to the size of u or v
 _TELLING = 2.0**-40  # least change of the acceleration, relative to its terms: three of its digits are above round-off
+_UNCERTAIN = 2.0**-49  # round-off of the acceleration, relative to its terms
 _ROUNDED = 2.0**-51  # a relative change of u of about its round-off
 _LENGTHENED = 2.0**9  # factor to an increment of 2^-17, the cube root of round-off, for central differences
 _SMOOTH = 1e-6  # rhs is smooth if the quotients over the two increments differ by at most this, relatively
@@ -78,7 +79,7 @@ class _Derivative:
 
     def __init__(self, f: Callable, x: np.ndarray, a: np.ndarray, scale: float, terms: float) -> None:
         self._f, self._x, self._a, self._scale = f, x, a, scale
-        self._noise = _TELLING * terms
+        self._noise, self._round_off = _TELLING * terms, _UNCERTAIN * terms
         self.size = x.size
         # a state of a link at 0 may have a unit that is much smaller than the unit of velocities
         own = scale * np.abs(a) / (terms or 1.0)
@@ -100,13 +101,14 @@ class _Derivative:
     def column(self, w: np.ndarray, scale: float) -> np.ndarray:
         """Return the product from central differences over a longer increment, which have less round-off.
 
-        If f is not smooth over this increment, return the product from `measure`.
+        If f is not smooth over this increment, return the product from `measure`, whose round-off may be larger than
+        the limit of smoothness.
         """
         size, product = self.measure(w, scale)
         with np.errstate(over="ignore", invalid="ignore"):
             ahead, behind = self._sides(w, _LENGTHENED * size)
             mean = (ahead + behind) / 2
-            smooth = np.abs(mean - product).max() <= _SMOOTH * np.abs(product).max()
+            smooth = np.abs(mean - product).max() <= max(_SMOOTH * np.abs(product).max(), self._round_off / size)
         return mean if smooth else product
 
     def measure(self, w: np.ndarray, scale: float = 0.0) -> tuple[float, np.ndarray]:

@@ -18,6 +18,7 @@ from ..functions.guard import evaluation, guarded
 from ..kernels.constraints import FLOATS, HEAD, Areas
 from ..kernels.protocol import BEFORE_END
 from ..methods import EIG3
+from ..result.labels import Labels
 from ..stepping.march import Rows
 from ..stepping.run_options import NEVER, RunOptions
 from ..stepping.stepper import Stepper
@@ -49,15 +50,15 @@ def is_singular(last: Stepper | VariableStepper, h: float) -> bool:
     return least < _SINGULAR * _independence(last, last.t0, last.start[0], constraints.place)
 
 
-def is_at_whole_turn(last: Stepper | VariableStepper, h: float) -> bool:
-    """Return whether the rotation vector of a node reaches 2 pi within two steps of the state of a run."""
-    names = last.system.labels.names if last.system.labels else ()
+def is_at_whole_turn(labels: Labels | None, u: np.ndarray, v: np.ndarray, h: float) -> bool:
+    """Return whether the rotation vector of a node reaches 2 pi within two steps of a state."""
+    names = labels.names if labels else ()
     kinds, whole = [name[-3:] for name in names], 2 * np.pi
     turns = [[i, i + 1, i + 2] for i in range(len(names)) if kinds[i : i + 3] == [".rx", ".ry", ".rz"]]
     if not turns:
         return False
-    way = _AHEAD * h * last.v
-    before, after, turned = (np.linalg.norm(x[turns], axis=1) for x in (last.u - way, last.u + way, way))
+    way = _AHEAD * h * v
+    before, after, turned = (np.linalg.norm(x[turns], axis=1) for x in (u - way, u + way, way))
     return bool(((turned < _TURNED) & (before < whole) & (after > (1 - _NEAR) * whole)).any())
 
 

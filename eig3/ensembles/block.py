@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.divergence import became_non_finite, lost_constraints
+from ..diagnosis.singular_position import AT_WHOLE_TURN, is_at_whole_turn
 from ..functions.guard import not_finite_at_start
 from ..kernels.loops.lane_search import LOST, SEARCHED, STOPPED
 from ..kernels.protocol import SCALAR, VECTOR
@@ -179,18 +180,21 @@ class Block(Alone):
         state = self._state
         self._ends[lanes] = target - 1
         while lanes.size and state.index < target and not self._stop.is_set():
-            first = state.index
+            first, begin = state.index, [x.copy() for x in state.values]
             u, v, _ = state.advance(min(target, first + self._most_states), 1, self._stop)
             finite = np.isfinite(u[..., lanes]) & np.isfinite(v[..., lanes])  # shape (states, n, lanes)
             good = finite.all(axis=1)
             for place in np.flatnonzero(~good.all(axis=0)):
                 lane, step = int(lanes[place]), int(np.argmin(good[:, place]))
                 degree = None if self.shared.layout.form is SCALAR else int(np.argmin(finite[step, :, place]))
-                labels = self.histories.options.labels
-                what = became_non_finite(state.t0 + (first + step) * state.h[lane], state.h[lane], degree, labels)
+                labels, h = self.histories.options.labels, state.h[lane]
+                what = became_non_finite(state.t0 + (first + step) * h, h, degree, labels)
                 self._ends[lane] = first + step
+                last_u, last_v = ((x[step - 1] if step else x0)[:, lane] for x, x0 in zip((u, v), begin, strict=True))
                 lost = lost_constraints(bool(self.shared.constrained_step or self.shared.project))
-                self._failed[lane] = f"{what}{lost}; solution.explain() looks for the reason."
+                is_turned = is_at_whole_turn(labels, last_u, last_v, h)
+                why = f"{AT_WHOLE_TURN}." if is_turned else f"{lost}; solution.explain() looks for the reason."
+                self._failed[lane] = f"{what}{why}"
             lanes = lanes[good.all(axis=0)]
 
     def _observe(self, first: int, u: np.ndarray, v: np.ndarray, outputs: dict[str, np.ndarray]) -> None:

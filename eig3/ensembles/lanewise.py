@@ -8,9 +8,10 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 from ..functions.callbacks import Callback, with_present_globals
-from ..functions.companions import constraints_of
+from ..functions.companions import constraints_of, mark
 from ..functions.layout import bound_layout
 from ..functions.quantities import Quantity
+from ..functions.records import left_out_of
 from ..kernels.adaptive_lanes import adaptive_kernel, compile_event
 from ..kernels.compile.numba_internals import gist, options_of
 from ..kernels.constraint_lanes import UnrolledConstraints, compile_constrained, compile_keeping
@@ -153,7 +154,9 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
             "loops over single values, without array expressions and functions of whole arrays; for a table, call "
             "eig3.math.interp."
         )
-    note = f"rhs is not vectorised: {functions['rhs'].obstacle}." if functions["rhs"].obstacle else ""
+    note = functions["rhs"].obstacle and f"rhs is not vectorised: {functions['rhs'].obstacle}."
+    if left_out_of(rhs) is not None or mark(rhs, "is_linear") is not None:  # the code of a scene or a structure
+        note = note.replace("rhs", "The force of the problem", 1).replace("; ", "; in functions that you wrote, ")
     return Setup(method, layout, named, prepared, histories, single, **functions), note
 
 

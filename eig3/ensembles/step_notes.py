@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnosis.coarseness import coarse_events, links_of, long_ways
+from ..diagnosis.coarseness import coarse_events, limited_ways, links_of, long_ways
 from ..diagnosis.half_turns import TURNED, half_turns
 from ..diagnosis.stiffness import VERY_MANY_STEPS
 from ..functions.companions import Angles, mark
 from ..result.solution import Status
 from ..run.instability import has_grown, instability
 from ..stepping.run_options import RunOptions
+from ..stepping.tolerances import Tolerances, longest_way
 from .members import Members
 from .single_members import Singles
 from .solution import EnsembleSolution
@@ -26,6 +27,7 @@ def add_step_notes(solution: EnsembleSolution, single: Singles, members: Members
     """Add the notes on angles, contacts and growth that single runs have."""
     solution.notes += (*islice(_half_turns(solution, single.rhs, members), 1),)
     if options.tolerances:
+        solution.notes += (*filter(None, [_limited_ways(solution, single, members, options.tolerances)]),)
         return
     notes = []
     if links := links_of(options.events) if options.events else ():
@@ -37,6 +39,17 @@ def add_step_notes(solution: EnsembleSolution, single: Singles, members: Members
     if np.maximum.reduce(members.n_steps) >= VERY_MANY_STEPS:  # the search takes far longer than a short ensemble
         notes.append(_instability(solution, single, members))
     solution.notes += (*filter(None, notes),)
+
+
+def _limited_ways(solution: EnsembleSolution, single: Singles, members: Members, tolerances: Tolerances) -> str:
+    """Describe the longest way of a point in a step, if it limits the steps of the member with the most steps."""
+    points, way = longest_way(mark(single.rhs, "cutoffs"), tolerances, members.params)
+    i = int(solution.n_steps.argmax())
+    if not points or solution.n_steps[i] < VERY_MANY_STEPS:
+        return ""
+    run = solution[i]
+    is_limit = run.h * np.abs(run.v[-1, :points]).max() > way / 2
+    return f"{limited_ways(way)} This is member {members.first + i}." if is_limit else ""
 
 
 def _half_turns(solution: EnsembleSolution, rhs: Any, members: Members) -> Iterator[str]:

@@ -61,10 +61,13 @@ class Cutoffs(NamedTuple):
         The number of coordinates of points, which are the first degrees of freedom.
     places : tuple of (int, int, float)
         The begin and the end of values in p, and the factor from the least of them to a distance.
+    acting : ndarray of int
+        The coordinates of the points on which these forces and impacts act.
     """
 
     degrees: int
     places: tuple[tuple[int, int, float], ...]
+    acting: np.ndarray
 
     def least(self, params: np.ndarray) -> float:
         """Return the shortest cutoff, of one or more rows of parameters; at 0, points never touch."""
@@ -72,8 +75,8 @@ class Cutoffs(NamedTuple):
         return min(factor * float(values.min(where=values > 0, initial=math.inf)) for factor, values in each)
 
     def speeds(self, *v: np.ndarray) -> np.ndarray:
-        """Return the largest speed along an axis in some velocities, shape (m, n) or (n,), of each member."""
-        return np.max([np.abs(np.atleast_2d(each)[:, : self.degrees]).max(axis=1) for each in v], axis=0)
+        """Return the largest speed of these points along an axis in velocities, shape (m, n) or (n,), of each member."""
+        return np.max([np.abs(np.atleast_2d(each)[:, self.acting]).max(axis=1, initial=0.0) for each in v], axis=0)
 
 
 class Angles(NamedTuple):

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..diagnosis.coarseness import h_without_jumps
 from ..diagnosis.critical import NoCriticalStepError, of_encounters
 from ..diagnosis.linearisation import fast_rates
 from ..functions.callbacks import Callback, check_callback
@@ -106,6 +107,8 @@ class Pilots:
     window : tuple of float
         The beginning and the end of the pilot runs.
     needs_reference : bool
+    have_jumps : bool
+        Whether a run has ended because a point may pass through another in a step.
     compiling : float
         The compilation time, s.
     least_power : float
@@ -120,6 +123,7 @@ class Pilots:
         self.problem, self.aim = problem, aim
         self.span = problem.t_span[1] - problem.t_span[0]
         self.needs_reference = metric == "trajectory"
+        self.have_jumps = False
         self.compiling = 0.0
         self._begin = time.thread_time()
         self._paces: dict[Method, float] = {}  # processor time of a step in the last run of each method
@@ -385,7 +389,8 @@ class Pilots:
         """Run in pieces, and stop once the run has diverged or taken `longest` seconds of processor time.
 
         A run with more occurrences of events than steps counts as unstable: a motion that changes stiffness or bounces
-        stays bounded, and an unstable one then passes the same events in each step.
+        stays bounded, and an unstable one then passes the same events in each step. A run in which a point may pass
+        through another in a step counts as unstable too.
 
         Each `every`-th state is kept. With `follow`, the energy is computed, and the last state of each piece is kept.
         """
@@ -412,6 +417,9 @@ class Pilots:
             if taken < count or is_unstable or not stepper.is_finite or stepper.sizes[0] > self._largest:
                 return None
             self._paces[method], each = (time.thread_time() - begin) / stepper.index, min(2 * each, most)
+            if h_without_jumps(stepper) < h:
+                self.have_jumps = True
+                return None
             if follow:
                 drift = max(drift, self._drift(first + 1, h * every, u[rows], v[rows]))
                 ends.append((stepper.t, stepper.u, stepper.v))

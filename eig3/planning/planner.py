@@ -392,7 +392,8 @@ def _timed(searches: Sequence[AnySearch]) -> list[Prediction]:
 def _prediction(search: AnySearch, pace: float) -> Prediction:
     if not search.steps:
         return _failed(search)
-    note = "the step is limited by stability" if search.is_limited else ""
+    contacts = " or by contacts" if search.pilots.have_jumps else ""
+    note = f"the step is limited by stability{contacts}" if search.is_limited else ""
     from_rest: dict[str, Any] = {}
     if search.rtol is not None and search.pilots.sizes:
         from_rest = {"sizes": search.pilots.sizes, "h_max": search.pilots.h_max}

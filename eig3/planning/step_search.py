@@ -76,7 +76,7 @@ def guide(pilots: Pilots) -> Search | str:
             failure = search.failure
             stable = [run.n_steps for run in search.runs if not math.isinf(run.error)]
             if not survey and stable and shortest < part * pilots.span / stable[0]:
-                return "unstable at every step tried"  # over the longer part
+                return search.without_stable_run  # over the longer part
             if search.runs and not stable:
                 shortest = part * pilots.span / search.runs[-1].n_steps
         if found and longer and method == GUIDE:
@@ -415,6 +415,11 @@ class Search(Timed):
         return f"its error is {error:.1e}" if math.isfinite(error) else "it is unstable"
 
     @property
+    def without_stable_run(self) -> str:
+        jumps = ", or a point may pass through another in a step" if self.pilots.have_jumps else ""
+        return f"unstable at every step tried{jumps}"
+
+    @property
     def failure(self) -> str:
         """The reason why the aim is not reached."""
         stable = [run for run in self.runs if math.isfinite(run.error)]
@@ -423,7 +428,7 @@ class Search(Timed):
         if any(math.isnan(run.error) for run in self.runs):
             return "nothing moves in any run"
         if not stable:
-            return "unstable at every step tried"
+            return self.without_stable_run
         last = stable[-1]
         if self.is_stalled:
             return f"round-off limits the error to {last.error:.1e}"

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..diagnosis.coarseness import h_without_jumps
 from ..functions.checks import check_cancel, check_method, check_span, reals, shown
 from ..functions.companions import history_of
 from ..functions.layout import unknown_name
@@ -330,7 +331,7 @@ class _Search:
         is_lost = self.knob == "h" and solution.reliable_until is not None
         if miss <= 1:
             run = solution._extend() if self.knob == "h" and solution._extend else None
-            shorter = run.h_without_jumps / solution.h if run else 1.0
+            shorter = h_without_jumps(run.stepper) / solution.h if run else 1.0
             self.reached = shorter == 1
             self.runs.append((miss if self.reached else math.inf, solution))
             may_run = self.reached or self._may_run(self._seconds(solution, seconds) / shorter)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnosis.coarseness import coarse_events, coarseness, h_without_jumps, links_of, long_ways
+from ..diagnosis.coarseness import coarse_events, coarseness, links_of, long_ways
 from ..diagnosis.divergence import Divergence, find_blow_up, find_divergence
 from ..diagnosis.heat import heat
 from ..functions.checks import check_count, check_resolution, check_time
@@ -290,15 +290,6 @@ class FixedRun(Run):
             yield coarse_events(h, look.occurrences(), links)
         if cutoffs := stepper.system.cutoffs:
             yield long_ways(h, cutoffs.speeds(stepper.start[1], stepper.v), cutoffs.least(stepper.p))
-
-    @property
-    def h_without_jumps(self) -> float:
-        """The step, or a shorter one if a point may pass through another in the step."""
-        stepper, cutoffs = self.stepper, self.stepper.system.cutoffs
-        if not cutoffs:
-            return stepper.h
-        speed = float(cutoffs.speeds(stepper.start[1], stepper.v)[0])
-        return h_without_jumps(stepper.h, speed, cutoffs.least(stepper.p))
 
     def _instability(self) -> str:
         """Describe a step that is unstable at the start of a system with first-order unknowns, or of one that grew.

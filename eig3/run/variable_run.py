@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..diagnosis.coarseness import limited_ways
 from ..diagnosis.singular_position import AT_SINGULAR, AT_WHOLE_TURN, is_at_whole_turn, is_singular
 from ..diagnosis.stiffness import MANY_STEPS, STATES, VERY_MANY_STEPS, stiffness, vibration
 from ..functions.checks import check_count, check_time, reals
@@ -209,7 +210,7 @@ class VariableRun(Run):
             f"{AT_SINGULAR}: begin after it, or change the mechanism so that it does not come there."
             if is_singular(stepper, stepper.h)
             else f"{AT_WHOLE_TURN}."
-            if is_at_whole_turn(stepper, stepper.h)
+            if is_at_whole_turn(stepper.system.labels, stepper.u, stepper.v, stepper.h)
             else ": the motion may be singular there, rhs may jump or be NaN, or rtol and atol may be too small"
             f"{relative}."
         )
@@ -288,10 +289,7 @@ class VariableRun(Run):
                 f"load that acts for less than {step:.2g} there may have been jumped over; h_max sets the longest step."
             )
         if stepper.index >= VERY_MANY_STEPS and (held := stepper.held):
-            notes.append(
-                "A short contact distance or cutoff limits the steps, and not rtol: no point moves further than an "
-                f"eighth of it, {held:.2g}, in a step, so that none passes through another. h_max replaces this limit."
-            )
+            notes.append(limited_ways(held))
         notes += [_NO_BOUND] * bool(stepper.system.history)
         stiff = self._stiffness()
         return [*notes, stiff] if stiff else notes

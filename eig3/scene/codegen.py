@@ -65,6 +65,19 @@ def unchanged(t, u, v, p):  # type: ignore[no-untyped-def]
     """Keep the state: the reset of a force that changes its form. The event makes the method restart."""
 
 
+def _meeting(assembly: Assembly) -> np.ndarray:
+    """Return the coordinates of the masses on which forces with a cutoff, or impacts, act."""
+    masses = []
+    for group in assembly.links:
+        if any(law.effect.cutoff_field for law in group.laws):
+            masses += [group.first] if group.second is None else [group.first, group.second]
+    for pair_force in assembly.pair_forces:
+        free = assembly.cloud.free[np.concatenate([pair_force.first, pair_force.second])]
+        masses.append(free[free >= 0])
+    first = assembly.n * np.arange(assembly.dimension)
+    return np.add.outer(first, np.unique(np.concatenate(masses))).ravel()
+
+
 def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
     """Return the arguments of `Problem` from a scene's code: rhs, energy, events, outputs and params.
 
@@ -90,7 +103,8 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         functions["rhs"].py_func.records = Records(functools.partial(tables, tuple(source.records)))
     is_of_points = assembly.dimension > 1 and not assembly.cloud.bodies.vectors  # on a line, none passes another
     if source.cutoffs and is_of_points:
-        functions["rhs"].py_func.cutoffs = Cutoffs(assembly.n * assembly.dimension, tuple(source.cutoffs))
+        degrees = assembly.n * assembly.dimension
+        functions["rhs"].py_func.cutoffs = Cutoffs(degrees, tuple(source.cutoffs), _meeting(assembly))
     if writing.jumping:
         functions["rhs"].py_func.angles = writing.angles_of(functions)
     functions["rhs"].py_func.reads_time = assembly.depends_on_time  # the code passes t on, and grains read differences

@@ -44,6 +44,9 @@ class Frame:
     frame with masses, rotations without inertia follow the other motion without delay: they are condensed out of the
     stiffness (Guyan, 1965), and have no degree of freedom either.
 
+    Each end of a member has half of its mass m, and in its rotations the inertia m L^2 / 24. The frequencies of beams
+    are therefore too low: for the first mode of a cantilever by 4 % with 4 members, and by 1 % with 8 members.
+
     Parameters
     ----------
     dimension : {2, 3}
