@@ -274,6 +274,15 @@ def test_time_is_the_reason(monkeypatch):
     assert "because the next run would exceed max_seconds = 100" in solution.message
 
 
+def test_an_unstable_run_says_why_no_shorter_step_is_tried(monkeypatch):
+    ticking(monkeypatch, module)
+    solution = eig3.integrate(spring, (0, 1e5), 3.0, 0.0, params=FAST, accuracy=1e-3, method="eig3", max_seconds=5)
+    assert solution.status is Status.DIVERGED
+    assert solution.message.endswith(
+        " A shorter step was not tried, because the next run would exceed max_seconds = 5."
+    )
+
+
 def test_a_short_run_does_not_tell_the_time_of_a_long_one(monkeypatch):
     """Only the time of the kernel, here 30 us, grows with the number of steps."""
     ticking(monkeypatch, module)

@@ -324,9 +324,13 @@ class _Search:
         now, self._count = self._deadline.spent, self._count + 1
         seconds, self._before = now - self._before, now
         if not solution.success:
-            self.reason = self._deadline.reason(0.0) or f"the next run had the status {solution.status.value}"
-            is_unstable = self.knob == "h" and solution.status is Status.DIVERGED
-            return value * _SHORTEN if is_unstable and self._may_run(seconds / _SHORTEN) else None
+            if self.knob == "h" and solution.status is Status.DIVERGED:
+                if self._may_run(seconds / _SHORTEN):
+                    return value * _SHORTEN
+                solution.message += f" A shorter step was not tried, because {self.reason}."
+            else:
+                self.reason = self._deadline.reason(0.0) or f"the next run had the status {solution.status.value}"
+            return None
         miss = self.goal.miss(solution)
         is_lost = self.knob == "h" and solution.reliable_until is not None
         if miss <= 1:
