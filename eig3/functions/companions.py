@@ -75,7 +75,7 @@ class Cutoffs(NamedTuple):
         return min(factor * float(values.min(where=values > 0, initial=math.inf)) for factor, values in each)
 
     def speeds(self, *v: np.ndarray) -> np.ndarray:
-        """Return the largest speed of these points along an axis in velocities, shape (m, n) or (n,), of each member."""
+        """Return the largest speed of these points along an axis, of each member: v has the shape (m, n) or (n,)."""
         return np.max([np.abs(np.atleast_2d(each)[:, self.acting]).max(axis=1, initial=0.0) for each in v], axis=0)
 
 

@@ -26,6 +26,7 @@ _TRIALS = (
     (1 / 256, SCOUT, 0.5),
     (1 / 4096, GUIDE, 0.5),
 )
+_SHORTEST_PART = 1 / 16  # from a shorter part, errors are only extrapolated if their growth is known
 _GUIDE_WORK = 2**26  # the work that is always allowed for one trial, in runs that are expected to take less time than
 _SMALL_SECONDS = 1.5, 0.5  # this, s, or than this if the error of the last run gives no hope
 _SLOWER = 2.0  # a run that takes longer by this factor than was expected is stopped
@@ -79,12 +80,14 @@ def guide(pilots: Pilots) -> Search | str:
                 return search.without_stable_run  # over the longer part
             if search.runs and not stable:
                 shortest = part * pilots.span / search.runs[-1].n_steps
-        if found and longer and method == GUIDE:
-            return _beside(longer, search, seconds)
         if found:
-            return search
+            result = _beside(longer, search, seconds) if longer and method == GUIDE else search
+            is_far = part < _SHORTEST_PART and not pilots.knows_growth
+            return search.unknown_growth if is_far and isinstance(result, Search) else result
         if search.is_chaotic:
             return _too_fast(pilots, part, search.runs[-1])
+        if search.is_stalled and method == GUIDE:
+            return search.failure
         if method == GUIDE and search.runs:
             longer.append((part, search.runs[-1]))
     return failure
@@ -431,15 +434,20 @@ class Search(Timed):
             return self.without_stable_run
         last = stable[-1]
         if self.is_stalled:
-            return f"round-off limits the error to {last.error:.1e}"
-        t = self.pilots.part * self.pilots.span
-        h = t / last.n_steps
+            return f"round-off, or kinks of the force, limit the error to {last.error:.1e}"
         if last.error < CONVERGING and not self.pilots.knows_growth:
-            return (
-                f"the error is {last.error:.1e} with h = {h:.2g}; no run over more than {t:.3g} time units shows how "
-                "it grows"
-            )
+            return self.unknown_growth
+        h = self.pilots.part * self.pilots.span / last.n_steps
         return (
             f"the error does not converge down to h = {h:.2g}, where it is {last.error:.1e} (chaos, or a step still "
             "too long)"
+        )
+
+    @property
+    def unknown_growth(self) -> str:
+        """The reason why the error of the run with the most steps tells nothing about the whole span."""
+        t, last = self.pilots.part * self.pilots.span, self.runs[-1]
+        return (
+            f"the error is {last.seen_error:.1e} over {t:.3g} time units with h = {t / last.n_steps:.2g}; no longer "
+            "run shows how it grows"
         )
