@@ -28,7 +28,7 @@ _TRIALS = (
 )
 _SHORTEST_PART = 1 / 16  # from a shorter part, errors are only extrapolated if their growth is known
 _GUIDE_WORK = 2**26  # the work that is always allowed for one trial, in runs that are expected to take less time than
-_SMALL_SECONDS = 1.5, 0.5  # this, s, or than this if the error of the last run gives no hope
+_SMALL_SECONDS = 1.0, 0.5  # this, s, or than this if the error of the last run gives no hope
 _SLOWER = 2.0  # a run that takes longer by this factor than was expected is stopped
 _SURVEY_SECONDS = 5.0  # longest processor time of a run that surveys the whole span,
 _UNSTABLE_SECONDS = 1.0  # and of the unstable runs before it
@@ -42,6 +42,7 @@ _LARGEST = 2.0  # the relative error of two unrelated motions of the same size
 _APART = 1.2  # least ratio of two steps that shows the order of the error
 _STEEP = 2.0  # an error that grows with more than this multiple of its order is caused by instability
 _ROUND_OFF = 1e-6  # an error below this is round-off if it decreases with a power of the step
+_SURELY_ROUND_OFF = 1e-11  # kinks of the force can let a larger error seem to be round-off
 _FAR = 100.0  # an error of this multiple of the aim is far from it
 _STALLED = 0.5  # below this
 _RESOLVED = 100  # with fewer steps before the time from which no digit is right, the step is too long to show chaos
@@ -86,7 +87,7 @@ def guide(pilots: Pilots) -> Search | str:
             return search.unknown_growth if is_far and isinstance(result, Search) else result
         if search.is_chaotic:
             return _too_fast(pilots, part, search.runs[-1])
-        if search.is_stalled and method == GUIDE:
+        if search.is_stalled and search.runs[-1].error < _SURELY_ROUND_OFF:
             return search.failure
         if method == GUIDE and search.runs:
             longer.append((part, search.runs[-1]))
@@ -198,7 +199,8 @@ def _may_run(search: Search, n_steps: int, until: float, work: float) -> bool:
     # A larger error is caused by instability, and two errors show whether the motion is chaotic.
     is_hopeful = error <= CONVERGING or error > _LARGEST or sum(run.seen_error <= _LARGEST for run in search.runs) < 2
     is_small = work + pilots.work(method, n_steps * following) < _GUIDE_WORK
-    has_fewest = n_steps <= 2 * FEWEST and seconds < pilots.left / 3  # a part of the span would need as many steps
+    # Over a part of the span, as many steps would be needed as the fewest over the whole span.
+    has_fewest = pilots.part == 1 and n_steps <= 2 * FEWEST and seconds < pilots.left / 3
     is_small &= seconds < _SMALL_SECONDS[0 if is_hopeful else 1] or has_fewest
     return seconds < pilots.left and (is_small or (in_time and is_hopeful))
 
