@@ -209,15 +209,8 @@ def _most_states(problem: Problem) -> int:
 class Balance:
     """The energy balance of a run.
 
-    Attributes
-    ----------
-    t : ndarray, shape (m,)
-    energy : ndarray, shape (m,)
-        The mechanical energy at the saved states.
-    work : ndarray, shape (m,), or None
-        The work done up to each saved state; None if the problem does not integrate it.
-    unit : str
-        Unit of energy and work.
+    `energy` is the mechanical energy at the saved states, and `work` the work done up to each of them; it is None if
+    the problem does not integrate it. `unit` is the unit of both.
     """
 
     t: np.ndarray

@@ -55,12 +55,8 @@ class Constraints(NamedTuple):
 class Cutoffs(NamedTuple):
     """The cutoffs of the forces, and the distances of the impacts, between points in p.
 
-    Attributes
-    ----------
-    degrees : int
-        The number of coordinates of points, which are the first degrees of freedom.
-    places : tuple of (int, int, float)
-        The begin and the end of values in p, and the factor from the least of them to a distance.
+    `degrees` is the number of coordinates of points, which are the first degrees of freedom. `places` are the begin and
+    the end of values in p, and the factor from the least of them to a distance.
     """
 
     degrees: int

@@ -207,16 +207,8 @@ def inline_kernel(
     """Compile the kernel of a method with its callbacks inlined. It is called as ``kernel((rhs, None), state, ...)``.
 
     With few degrees of freedom, it is valid for this number only, and keeps its rows on the stack. At events, and at
-    times at which the state is wanted, the quantities are called at their addresses.
-
-    Parameters
-    ----------
-    method, order, form, n, looks
-        As for `kernel`.
-    rhs, jacobian : jitted function
-        `jacobian` may be None.
-    quantities : tuple
-        The quantities, as pairs of a jitted function and its number of values, or 0, in the order of `Follow.table`.
+    times at which the state is wanted, the quantities are called at their addresses. `quantities` are pairs of a jitted
+    function and its number of values, or 0, in the order of `Follow.table`. The other arguments are as for `kernel`.
     """
     callbacks, names = inline_callbacks(form, rhs, jacobian)
     is_stacked = n <= STACKED_DEGREES

@@ -42,14 +42,9 @@ _NAMES = {"__name__": __name__, "combined": combined}
 class Text(Writer):
     """Writes functions of a state whose entries j belong to one system, or, with lanes, to a system in each lane.
 
-    Attributes
-    ----------
-    trial, square, advance : str
-        The arguments of these functions.
-    result, if_accepted : str
-        What `square` does with its result, and in which lanes `advance` changes a row.
-    own, d, before : str
-        The index of what each lane has separately, the number of a degree of freedom, and the step before.
+    `trial`, `square` and `advance` are the arguments of these functions. `result` is what `square` does with its
+    result, and `if_accepted` in which lanes `advance` changes a row. `own`, `d` and `before` are the index of what each
+    lane has separately, the number of a degree of freedom, and the step before.
     """
 
     def __init__(self, n: int = 0, lanes: int = 0) -> None:
