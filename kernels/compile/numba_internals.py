@@ -528,18 +528,11 @@ def _codegen() -> Any:
 
 @contextmanager
 def compilations() -> Iterator[list[Jitted]]:
-    """A block with a list of the jitted functions that Numba compiles in it; those from a cache are not in the list."""
-
-    class Listener(event.Listener):
-        def on_start(self, begun: Any) -> None:
-            functions.append(begun.data["dispatcher"])
-
-        def on_end(self, ended: Any) -> None:
-            pass
-
+    """A block after which a list has the jitted functions that Numba compiled in it, without those from a cache."""
     functions: list[Jitted] = []
-    with event.install_listener("numba:compile", Listener()):
+    with event.install_recorder("numba:compile") as recorder:
         yield functions
+    functions += [each.data["dispatcher"] for _, each in recorder.buffer if each.is_start]
 
 
 # Values in the code of an intrinsic
@@ -821,11 +814,8 @@ class CompiledFunction(numba.types.Callable):
     A call of a `numba.types.FunctionType` also has code for a function without an address, which asks Python for one:
     kernels would take longer to compile, and a step of them longer to run.
 
-    Parameters
-    ----------
-    signature : Numba signature
-    call : jitted function, optional
-        What is called instead, as ``call(..., function)``. Types with a `call` of one name are the same.
+    A jitted function `call` is called instead, as ``call(..., function)``. Types with a `call` of one name are the
+    same.
     """
 
     def __init__(self, signature: Any, call: Jitted | None = None) -> None:
@@ -879,22 +869,11 @@ def addresses_of_members(result: Any, count: int) -> tuple[list[int], Any]:
     """Return the addresses of functions that call a compiled function with 0 to count - 1 as its first argument.
 
     A kernel calls a function at an address, with fixed arguments. Each member thus needs a separate address: there, a
-    function of a few instructions adds the number and jumps to the function of the family. These are written
-    as code of LLVM, because Numba would take some tenths of a second for each. The number is a float, for which there
-    is a free register on most processors: an integer would displace the other arguments, and each of them would have to
-    be moved.
+    function of a few instructions adds the number and jumps to the function of the family. These are written as code of
+    LLVM, because Numba would take some tenths of a second for each. The number is a float, for which there is a free
+    register on most processors: an integer would displace the other arguments, and each of them would have to be moved.
 
-    Parameters
-    ----------
-    result : Numba's compile result
-        The function of the family. Its first argument is of the type float64.
-    count : int
-
-    Returns
-    -------
-    addresses : list of int
-    library : Numba's code library
-        Keeps the machine code alive. `result` must be kept too.
+    Also return Numba's code library, which keeps the machine code alive; `result`, of the family, must be kept too.
     """
     name, context = result.fndesc.llvm_func_name, result.target_context
     family = context.call_conv.get_function_type(result.fndesc.restype, result.fndesc.argtypes)
@@ -927,17 +906,8 @@ class NoFolderError(OSError):
 class DiskCache(FunctionCache):
     """The cache of one function on the disk. A subclass says in which files, under which key, and what an error means.
 
-    Parameters
-    ----------
-    beside : function
-        The files are in the folder that Numba has for this one.
-    describe : function
-        Its text about a compile result is kept with the code, of which LLVM's text is lost.
-
-    Attributes
-    ----------
-    description : str
-        Of what was compiled or loaded last.
+    The files are in the folder that Numba has for the function `beside`. The text of `describe` about a compile result
+    is kept with the code, of which LLVM's text is lost: `description` is the text of what was compiled or loaded last.
 
     Raises
     ------

@@ -165,18 +165,9 @@ def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: int, seco
     number of steps that it took, the next row to write, and how it ended: GOING after all steps, FAILED if a solve
     failed, FULL, or an outcome of an event.
 
-    Parameters
-    ----------
-    method : Formulas
-    order : int
-        The order of the method.
-    form : Form
-    n : int
-        Number of degrees of freedom.
-    looks : int
-        0 if the argument `look` is None, or one of `FOLLOWS` and `SEARCHES`, which say for what the kernel uses it.
-    second : str
-        The kind of the second callback, such as "jacobian"; empty if there is none.
+    `order` is the order of the method. `looks` is 0 if the argument `look` is None, or one of `FOLLOWS` and `SEARCHES`,
+    which say for what the kernel uses it. `second` is the kind of the second callback, such as "jacobian"; empty for
+    none.
     """
     has_own = form is SCALAR or (n == 2 and not looks)
     return _kernel(method, order if looks == SEARCHES else 0, form, n if has_own else 0, looks, second)
