@@ -27,11 +27,7 @@ def is_own(name: str) -> bool:
 def find(name: str, command: str) -> Any:
     """Return the function of `eig3.problems`, or the user's own object, that has a name.
 
-    Parameters
-    ----------
-    name : str
-    command : str
-        The command, and perhaps the option, that an error names.
+    `command` is the command, and perhaps the option, that an error names.
 
     Raises
     ------

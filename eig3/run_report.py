@@ -154,11 +154,13 @@ def run(
 
 def _steps(problem: Problem, h: float | None, rtol: float | None, method: str | Method | None) -> dict[str, Any]:
     """Return the options of a run that saves some thousand states."""
-    return (
-        _fixed_steps(problem, h, "eig3" if method is None else method)
-        if rtol is None
-        else _tolerances(problem, rtol, method)
-    )
+    if rtol is not None:  # the number of steps is not known in advance
+        return {"rtol": rtol, "method": method, "t_eval": _even_times(problem)}
+    method = "eig3" if method is None else method
+    span = problem.t_span[1] - problem.t_span[0]
+    h = first_step(problem, method, span) if h is None else check_h(h)
+    every = max(1, round(min(span / h, 2**53) / _most_states(problem)))
+    return {"h": h, "method": method, "save_every": every}
 
 
 def _check_film(problem: Problem, h: float, method: str | Method) -> None:
@@ -184,19 +186,6 @@ def _resolved(problem: Problem, solution: Solution, steps: Callable[[Problem], d
     return solution
 
 
-def _fixed_steps(problem: Problem, h: float | None, method: str | Method) -> dict[str, Any]:
-    """Return the options of a run with a fixed step."""
-    span = problem.t_span[1] - problem.t_span[0]
-    h = first_step(problem, method, span) if h is None else check_h(h)
-    every = max(1, round(min(span / h, 2**53) / _most_states(problem)))
-    return {"h": h, "method": method, "save_every": every}
-
-
-def _tolerances(problem: Problem, rtol: float, method: str | Method | None) -> dict[str, Any]:
-    """Return the options of a run with tolerances, whose number of steps is not known in advance."""
-    return {"rtol": rtol, "method": method, "t_eval": _even_times(problem)}
-
-
 def _even_times(problem: Problem) -> np.ndarray:
     return np.linspace(*problem.t_span, _most_states(problem) + 1)
 
@@ -209,15 +198,8 @@ def _most_states(problem: Problem) -> int:
 class Balance:
     """The energy balance of a run.
 
-    Attributes
-    ----------
-    t : ndarray, shape (m,)
-    energy : ndarray, shape (m,)
-        The mechanical energy at the saved states.
-    work : ndarray, shape (m,), or None
-        The work done up to each saved state; None if the problem does not integrate it.
-    unit : str
-        Unit of energy and work.
+    `energy` is the mechanical energy at the saved states, and `work` the work done up to each of them; it is None if
+    the problem does not integrate it. `unit` is the unit of both.
     """
 
     t: np.ndarray

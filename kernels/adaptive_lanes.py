@@ -331,16 +331,7 @@ def compile_event(function: Any, layout: Layout, is_checked: bool = False) -> La
 
 @dataclass(frozen=True)
 class Rows:
-    """The places of the rows in `Block.values`.
-
-    Attributes
-    ----------
-    names : tuple of str
-        The rows of the formulas.
-    width : int
-        The number of values in such a row.
-    lanes : int
-    """
+    """The places of the rows in `Block.values`: the rows of the formulas, of a width, and the rows of the lanes."""
 
     names: tuple[str, ...]
     width: int
@@ -387,16 +378,9 @@ def rows_of(module: str, n: int, lanes: int) -> Rows:
 
 @functools.cache
 def adaptive_kernel(module: str, form: Form, n: int, lanes: int, observes: bool) -> Any:
-    """Compile `adaptive` for a method, or load it from the disk.
+    """Compile `adaptive` for the file of a method with the formulas of a `Pair`, or load it from the disk.
 
-    Parameters
-    ----------
-    module : str
-        The file with the formulas of the method, a `Pair`.
-    form : Form
-    n, lanes : int
-    observes : bool
-        Whether the steps are observed. The argument `seen` is None otherwise.
+    Without `observes`, the argument `seen` is None.
     """
     pair = variable_formulas(module)
     names: dict[str, Any] = {"N": n, "LANES": lanes, "ORDER": pair.order, "COST": pair.evaluations}

@@ -30,10 +30,6 @@ def _kernel() -> Any:
 def checksum(values: np.ndarray, first: int = 0, before: int = 0) -> int:
     """Return the checksum of an array of float64, as a whole number below 2^64.
 
-    Parameters
-    ----------
-    values : ndarray of float64
-    first, before : int, optional
-        Number of the values before these ones, and their checksum: the result is the checksum of all.
+    With the number `first` of the values before these ones, and their checksum `before`, it is the checksum of all.
     """
     return int(_kernel()(values.reshape(-1).view(np.uint64), first, before))

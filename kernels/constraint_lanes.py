@@ -19,15 +19,13 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba.extending import intrinsic
-from numba.types import int64, intp, none
+from numba.types import int64, none
 
 from .compile.jit import bound, function_at
-from .compile.numba_internals import array_over, floats_on_stack
 from .compile.source import Writer, define
 from .constraints import MOST_ITERATIONS
 from .lanes import Lanes, Layout, compile_block, compile_rhs, options_for, view
-from .protocol import VECTOR, vector_type
+from .protocol import VECTOR, array_on_stack, vector_type
 
 #: The first number in the room of a lane: the residual before, or, if it is one of these, how the iteration has ended.
 CONVERGED, LOST = 0.0, -1.0
@@ -137,7 +135,7 @@ def compile_keeping(
     """Compile the function of a block that keeps the constraints: a step of EIG-3, or else the projection."""
     size = layout.n * layout.lanes
     names: dict[str, Any] = {"LANES": layout.lanes, "SIZE": size, "FORCES_AT": function_at(VECTOR.rhs)}
-    names |= {"ROWS_ON_STACK": _on_stack(size), "ROOM_ON_STACK": _on_stack(functions.room * layout.lanes)}
+    names |= {"ROWS_ON_STACK": array_on_stack(size), "ROOM_ON_STACK": array_on_stack(functions.room * layout.lanes)}
     names |= {f"{name.upper()}_AT": at for name, at in _AT.items()}
     parts = _parts(("stand", "approach", "level"), functions, layout, is_checked)
     if is_constrained_step:
@@ -181,17 +179,3 @@ def _parts(wanted: Sequence[str], functions: UnrolledConstraints, layout: Layout
         function = define(str(out), "lanes", {"__name__": __name__, **names})[name]
         found[name] = compile_block(function, signature.args, options_for(is_checked))
     return found
-
-
-def _on_stack(count: int) -> Any:
-    """Return a compiled ``array()`` of floats on the stack, which do not overlap with others."""
-
-    @intrinsic
-    def array(typingctx):  # type: ignore[no-untyped-def]
-        def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-            size, stride = context.get_constant(intp, count), context.get_constant(intp, 8)
-            return array_over(context, builder, vector_type, floats_on_stack(builder, count), size, stride)
-
-        return vector_type(), codegen
-
-    return array

@@ -147,7 +147,7 @@ def areas(typingctx, p, place):  # type: ignore[no-untyped-def]
             begin = builder.bitcast(builder.gep(data, [number(2 * k)]), context.get_data_type(kind.dtype).as_pointer())
             if isinstance(kind, Strip):
                 return begin
-            return array_over(context, builder, kind, begin, number(2 * k + 1), context.get_constant(intp, 8))
+            return array_over(context, builder, kind, begin, number(2 * k + 1))
 
         return context.make_tuple(builder, _areas, [area(k) for k in range(len(_areas.types))])
 

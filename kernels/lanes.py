@@ -294,18 +294,10 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Lanes:
-    """A function of the user, compiled for a block.
+    """A function of the user, compiled for a block, which its `compiled` result keeps alive.
 
-    Attributes
-    ----------
-    call : callable
-        Calls it from Python, without checks of the arguments.
-    address : int
-        The address of its machine code.
-    obstacle : str
-        Why LLVM did not vectorise it, and what to do; empty if it did.
-    compiled : Numba's compile result
-        Keeps the machine code alive.
+    `call` calls it from Python, without checks of the arguments. `obstacle` says why LLVM did not vectorise it, and
+    what to do; it is empty if LLVM did.
     """
 
     call: Callable

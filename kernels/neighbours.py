@@ -27,11 +27,11 @@ from typing import NamedTuple
 import numba
 import numpy as np
 from numba.extending import intrinsic
-from numba.types import Array, float64, int32, int64, intp
+from numba.types import Array, float64, int32, int64
 
 from .compile.jit import element, of_library, outlined
-from .compile.numba_internals import array_over, floats_on_stack, parts_of
-from .protocol import vector_type
+from .compile.numba_internals import array_over, parts_of
+from .protocol import array_on_stack, vector_type
 
 #: The numbers of a list: of its points, of the masses among them (which come first), and of all masses of the scene;
 #: the skin; 1 if only pairs of different groups count; the largest cutoff, and where in p each point has its cutoff, or
@@ -132,7 +132,7 @@ def integers(typingctx, p, begin, count):  # type: ignore[no-untyped-def]
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         data = builder.gep(parts_of(context, builder, signature.args[0], args[0]).data, [args[1]])
         data = builder.bitcast(data, context.get_data_type(int32).as_pointer())
-        return array_over(context, builder, _integers, data, args[2], context.get_constant(intp, 4))
+        return array_over(context, builder, _integers, data, args[2])
 
     return _integers(p, int64, int64), codegen
 
@@ -150,23 +150,13 @@ def floats(typingctx, p, begin, count):  # type: ignore[no-untyped-def]
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         data = builder.gep(parts_of(context, builder, signature.args[0], args[0]).data, [args[1]])
-        return array_over(context, builder, _floats, data, args[2], context.get_constant(intp, 8))
+        return array_over(context, builder, _floats, data, args[2])
 
     return _floats(p, int64, int64), codegen
 
 
-@intrinsic
-def batch(typingctx):  # type: ignore[no-untyped-def]
-    """``batch()`` is an array of BATCH floats on the stack.
-
-    It takes no literal number: a pickled intrinsic does not keep that it prefers literals.
-    """
-
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        size, stride = context.get_constant(intp, BATCH), context.get_constant(intp, 8)
-        return array_over(context, builder, vector_type, floats_on_stack(builder, BATCH), size, stride)
-
-    return vector_type(), codegen
+#: ``batch()`` is an array of BATCH floats on the stack.
+batch = array_on_stack(BATCH)
 
 
 @element
@@ -186,7 +176,7 @@ def memory(typingctx, array):  # type: ignore[no-untyped-def]
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         parts = parts_of(context, builder, signature.args[0], args[0])
-        return array_over(context, builder, _floats, parts.data, parts.shape[0], context.get_constant(intp, 8))
+        return array_over(context, builder, _floats, parts.data, parts.shape[0])
 
     return _floats(array), codegen
 

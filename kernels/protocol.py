@@ -482,9 +482,26 @@ def part_of_row(typingctx, state, row, first, count):
         matrix, row, first, count = args
         source = parts_of(context, builder, signature.args[0], matrix)
         begin = builder.add(builder.mul(source.shape[1], row), first)
-        return _array(context, builder, builder.gep(source.data, [begin]), count)
+        return array_over(context, builder, vector_type, builder.gep(source.data, [begin]), count)
 
     return vector_type(state, int64, int64, int64), codegen
+
+
+def array_on_stack(count: int) -> Any:
+    """Return a compiled ``array()`` of `count` floats on the stack, which do not overlap with others.
+
+    The array takes no literal number: a pickled intrinsic does not keep that it prefers literals.
+    """
+
+    def array(typingctx):
+        def codegen(context, builder, signature, args):
+            size = context.get_constant(types.intp, count)
+            return array_over(context, builder, vector_type, floats_on_stack(builder, count), size)
+
+        return vector_type(), codegen
+
+    array.content = f"array of {count} floats on the stack"  # type: ignore[attr-defined]
+    return intrinsic(array)
 
 
 _pointer = FloatPointer()
@@ -565,11 +582,6 @@ def row_index(typingctx, row, state):
         return builder.sdiv(builder.sub(begin, origin), array.strides[0])
 
     return int64(row, state), codegen
-
-
-def _array(context: Any, builder: Any, data: Any, n: Any) -> Any:
-    """Return a contiguous 1-D array over memory without reference counting."""
-    return array_over(context, builder, vector_type, data, n, context.get_constant(types.intp, 8))
 
 
 #: ``look_at(address)`` returns the `Look` at an address, without `within`, and ``look_within_at(address)`` with it.

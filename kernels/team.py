@@ -43,8 +43,7 @@ def board_at(typingctx, address):  # type: ignore[no-untyped-def]
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         data = builder.inttoptr(args[0], context.get_value_type(int64).as_pointer())
-        size, stride = context.get_constant(intp, SIZE), context.get_constant(intp, 8)
-        return array_over(context, builder, _board, data, size, stride)
+        return array_over(context, builder, _board, data, context.get_constant(intp, SIZE))
 
     return _board(int64), codegen
 
@@ -55,7 +54,7 @@ def vector_at(typingctx, address, count):  # type: ignore[no-untyped-def]
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         data = builder.inttoptr(args[0], context.get_value_type(float64).as_pointer())
-        return array_over(context, builder, vector_type, data, args[1], context.get_constant(intp, 8))
+        return array_over(context, builder, vector_type, data, args[1])
 
     return vector_type(int64, int64), codegen
 

@@ -39,19 +39,8 @@ def animate(
 ) -> Path:
     """Write an animation of a run, as `Problem.animate` describes it.
 
-    Parameters
-    ----------
-    view : callable
-    solution : Solution
-    path : str or path
-    name : str
-        The name of the problem.
-    look : dict, optional
-        The limits, the camera and the color that the user chose; None for what is not chosen.
-    has_seconds : bool
-        Whether the time is in seconds; if not, it has no unit.
-    t_end : float, optional
-        The end of the run, if `solution` is only its beginning.
+    `look` has the limits, the camera and the color that the user chose; None for what is not chosen. The time is in
+    seconds, or without `has_seconds` has no unit. `t_end` is the end of the run, if `solution` is only its beginning.
     """
     path = Path(path)
     kind = kind_of(path)

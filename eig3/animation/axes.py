@@ -25,13 +25,7 @@ _OPACITY = 0.8  # of discs
 
 @dataclass(frozen=True, eq=False)
 class Tints:
-    """The colours of values on a scale.
-
-    Attributes
-    ----------
-    values : ndarray, shape (frames, k)
-    scale : matplotlib.cm.ScalarMappable
-    """
+    """The colours of values, shape (frames, k), on a scale, a ScalarMappable of matplotlib."""
 
     values: np.ndarray
     scale: Any

@@ -16,13 +16,7 @@ _SHORT = 1e-3  # of the time between frames, for velocities
 
 
 class Color(NamedTuple):
-    """A quantity that colours points.
-
-    Attributes
-    ----------
-    name, unit : str
-    values : ndarray, shape (frames, points)
-    """
+    """A quantity that colours points, with values of the shape (frames, points)."""
 
     name: str
     unit: str
@@ -40,14 +34,8 @@ class Color(NamedTuple):
 class Frames:
     """The motion of the points of a mechanism.
 
-    Attributes
-    ----------
-    mechanism : Mechanism
-    film : Film
-    t : ndarray, shape (frames,)
-    u, v : ndarray, shape (frames, n)
-    x : ndarray, shape (frames, points, 2 or 3)
-        The places; inside the box if there is a periodic one.
+    u and v have the shape (frames, n), and the places x the shape (frames, points, 2 or 3): inside the box if there is
+    a periodic one.
     """
 
     mechanism: Any
@@ -86,16 +74,9 @@ class Frames:
     def box(
         self, limits: Any, solids: Iterable[Solid], places: Iterable[np.ndarray] = ()
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return two corners of the box that is shown.
+        """Return two corners of the box that is shown, from the limits of a `Look`.
 
-        Parameters
-        ----------
-        limits : ndarray, "main" or "all"
-            The corners themselves; or all points, bodies and marks, for "main" without the few that fly far away.
-        solids : sequence of Solid
-            The bodies that are drawn.
-        places : sequence of ndarray, shape (k, 2 or 3)
-            More places that are shown.
+        It contains the `solids`, which are the bodies that are drawn, and more `places`, each of the shape (k, 2 or 3).
         """
         if not isinstance(limits, str):
             return limits[0], limits[1]

@@ -100,7 +100,7 @@ class Mechanism(Geometry):
     def __call__(self, figure: Any, film: Film, look: Look | None = None) -> Callable[[int], None]:
         look = look or Look()
         frames = Frames.of(self, film)
-        paths = self._paths(film)
+        paths = self.paths(film)
         low, high = frames.box(look.limits, self._drawn, paths)
         is_exact = not isinstance(look.limits, str)
         low, high = (low, high) if is_exact else _with_margin(low, high)
@@ -192,7 +192,7 @@ class Mechanism(Geometry):
                 dots = draw.line(linestyle="none", markersize=size, zorder=3, color=style[0], marker=style[1])
                 yield partial(_move_points, partial(draw.move, dots), x[:, some])
 
-    def _paths(self, film: Film) -> list[np.ndarray]:
+    def paths(self, film: Film) -> list[np.ndarray]:
         """Return the path of each point with a trail, shape (times, 2 or 3)."""
         trails = list(self.trails)
         if not trails or len(self.box):

@@ -9,16 +9,10 @@ import numpy as np
 
 
 class Redraw:
-    """Draws frames with the same pixels as the whole figure.
+    """Draws frames with the same pixels as the whole figure, which has a canvas of Agg.
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        With a canvas of Agg.
-    show : callable
-        ``show(i)`` moves the artists to frame i.
-    last : int
-        The number of the last frame. What differs from the first frame moves.
+    ``show(i)`` moves the artists to frame i, and `last` is the number of the last frame. What differs in it from the
+    first frame moves.
     """
 
     def __init__(self, figure: Any, show: Callable[[int], None], last: int) -> None:

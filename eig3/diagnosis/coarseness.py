@@ -33,12 +33,7 @@ _OVERDAMPED = 5.0  # damping ratio at which the limit of c h is found
 def coarseness(stepper: Stepper, u: np.ndarray | None) -> str:
     """Describe a step that is too long for the motion; empty if it is short enough.
 
-    Parameters
-    ----------
-    stepper : Stepper
-        The stepper at the end of the run.
-    u : ndarray, shape (m,) or (m, n), or None
-        The displacements after every step, if they were saved.
+    The stepper is at the end of the run, and u has the displacements after every step, if they were saved.
     """
     if u is None or len(u) <= _SHORT or stepper.method.is_stochastic:  # noise bends the path in every step
         return _at_start(stepper)
@@ -54,19 +49,12 @@ def links_of(events: Mapping[str, Event]) -> list[str]:
 def coarse_events(h: np.ndarray, events: Mapping[str, Any], links: Iterable[str], first: int = 0) -> str:
     """Describe a step that is too long between two events of the same link; empty if it is short enough.
 
-    A spring behind a gap pushes for half a period of its vibration. A step that is stable while it stays closed may
-    add energy in each contact, because some contacts have one evaluation more than others. An event that changes the
-    state is no such contact.
+    A spring behind a gap pushes for half a period of its vibration. A step that is stable while it stays closed may add
+    energy in each contact, because some contacts have one evaluation more than others. An event that changes the state
+    is no such contact.
 
-    Parameters
-    ----------
-    h : ndarray, shape (m,)
-        The step of each member, or of a run.
-    events : dict of str to Occurrences or MemberOccurrences
-    links : iterable of str
-        The names of the events of links.
-    first : int
-        The number of the first member.
+    h has the step of each member, or of a run, and `events` the Occurrences or MemberOccurrences by name. `links` are
+    the names of the events of links, and `first` is the number of the first member.
     """
     steps = {name: _steps_between(h, events[name]) for name in links if not is_jump(events[name]).any()}
     name = min(steps, key=lambda name: steps[name].min(), default="")
@@ -85,14 +73,8 @@ def coarse_events(h: np.ndarray, events: Mapping[str, Any], links: Iterable[str]
 def long_ways(h: np.ndarray, speeds: np.ndarray, least: float, first: int = 0) -> str:
     """Describe a step in which a point may pass through another; empty if all ways are short enough.
 
-    Parameters
-    ----------
-    h, speeds : ndarray, shape (m,)
-        The step and the largest speed along an axis of each member, or of a run.
-    least : float
-        The shortest distance at which two points touch, or act on each other.
-    first : int
-        The number of the first member.
+    `speeds` are the largest speeds along an axis of each member, or of a run. `least` is the shortest distance at which
+    two points touch, or act on each other, and `first` the number of the first member.
     """
     i = int((h * speeds).argmax())
     if (shorter := _without_jumps(h[i], speeds[i], least)) == h[i]:

@@ -35,16 +35,9 @@ _LEAST_WORK = 3e7  # the trials may also take this many steps, divided by the de
 class Divergence:
     """A run whose state became infinite or NaN.
 
-    Attributes
-    ----------
-    last : Stepper
-        A stepper at the last finite state, which is the last state of the solution.
-    degree : int
-        The first degree of freedom that is not finite after the next step.
-    before : Stepper
-        A stepper at an earlier state, from which the search for the beginning of the growth starts.
-    t_end : float
-        The end of the span of the run.
+    The stepper `last` is at the last finite state, which is the last state of the solution. `degree` is the first
+    degree of freedom that is not finite after the next step. The search for the beginning of the growth starts at the
+    earlier state of `before`. `t_end` is the end of the span of the run.
     """
 
     last: Stepper
@@ -122,16 +115,9 @@ def lost_constraints(has_constraints: bool) -> str:
 
 
 def find_divergence(stepper: Stepper, t_end: float) -> Divergence:
-    """Find the last finite state of the last chunk by bisection.
+    """Find the last finite state of the last chunk by bisection, from a stepper after it that is not finite.
 
     A chunk can be divided at any step with bitwise the same states. The search is therefore exact.
-
-    Parameters
-    ----------
-    stepper : Stepper
-        The stepper after the chunk, at a state that is not finite.
-    t_end : float
-        The end of the span of the run.
     """
     before = stepper.before()
     last = _last(before, stepper.index, lambda s: s.is_finite)
@@ -145,18 +131,9 @@ def find_divergence(stepper: Stepper, t_end: float) -> Divergence:
 class BlowUp:
     """A run whose motion stayed finite, but grew by orders of magnitude because of its step.
 
-    Attributes
-    ----------
-    last : Stepper
-        A stepper at the end of the run.
-    growth : float
-        The size of the motion at the end, relative to its size at the start.
-    began : float
-        The time after which the motion grew.
-    why : str
-        A comparison of h with the critical step, for the message.
-    limits : list of float
-        The critical steps at the start and at the time `began`.
+    The stepper `last` is at the end of the run. `growth` is the size of the motion there, relative to its size at the
+    start. It grew after the time `began`, and `why` compares h with the critical step. `limits` are the critical steps
+    at the start and at this time.
     """
 
     last: Stepper
@@ -187,12 +164,7 @@ def find_blow_up(stepper: Stepper, before: Stepper) -> BlowUp | None:
     then the reason only if the motion grew much faster than the linearised system. Whatever the linearised system says,
     the step is the reason if half of it leads to a motion of another size: an unbounded solution has no size.
 
-    Parameters
-    ----------
-    stepper : Stepper
-        The stepper at the end of the run.
-    before : Stepper
-        A stepper at a state before the growth.
+    `stepper` is at the end of the run, and `before` at a state before the growth.
     """
     start = stepper.restarted(stepper.h)
     sane = last_sane(before, stepper.index, start)
@@ -291,14 +263,10 @@ def _comparison(last: Stepper, steps: list[tuple[str, CriticalStep]]) -> str:
 
 
 def _critical_steps(start: Stepper, sane: Stepper) -> tuple[list[tuple[str, CriticalStep]], str]:
-    """Find the critical steps at the start and at the last state before the growth.
+    """Find the critical steps at the start and at the last state before the growth, each with its time as text.
 
-    Returns
-    -------
-    steps : list of (str, CriticalStep)
-        Each critical step with its time, as text for the message.
-    unstable : str
-        The reason why there is no critical step, if the method is unstable at every step; otherwise empty.
+    Also return the reason why there is no critical step, if the method is unstable at every step; otherwise it is
+    empty.
     """
     steps: list[tuple[str, CriticalStep]] = []
     for stepper in (start, sane):

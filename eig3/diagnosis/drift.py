@@ -26,20 +26,12 @@ _VISIBLE = 0.1  # least reported growth over the run, relative to the oscillatio
 
 
 def excess(march: Stepper | VariableStepper, k: int, h: float) -> float:
-    """Return the drift of an invariant relative to its terms at the start; 0.0 if it is not far beyond them.
+    """Return the drift of the invariant k relative to its terms at the start; 0.0 if it is not far beyond them.
 
     The terms are the value without velocities and the change by the velocities. Velocities enter by their magnitudes,
     with different weights, to avoid cancellation in a momentum. The work is a term of an energy minus the work. At the
-    end, the velocities of some more steps are included, because the motion may be at a turning point.
-
-    Parameters
-    ----------
-    march : Stepper or VariableStepper
-        The stepper at the end of the run.
-    k : int
-        The index of the invariant.
-    h : float
-        The step, or the mean step.
+    end, the velocities of some more steps are included, because the motion may be at a turning point. `march` is at the
+    end of the run, and h is the step, or the mean step.
     """
     assert march.look
     look = march.look
@@ -77,7 +69,7 @@ def _terms_at_end(march: Stepper | VariableStepper, k: int, h: float) -> float:
 
 
 def growth(march: Stepper | VariableStepper, k: int, h: float) -> float:
-    """The growth of an invariant e over the run, relative to e.
+    """Return the growth of the invariant k, e, over the run, relative to e; the arguments are as for `excess`.
 
     It is 0.0 if e did not grow steadily, and infinite if e overflowed. The growth of an energy minus the work is
     relative to the larger of the two, and the growth of a small difference of large terms to the terms at the end.
@@ -86,15 +78,6 @@ def growth(march: Stepper | VariableStepper, k: int, h: float) -> float:
     than the previous part: the parts then end in different phases of a periodic motion, and the last parts cover nearly
     all of the run. The growth is 0.0 if no velocity has changed its sign at least twice between the ends of parts: the
     run may then be shorter than a period, and the error of e only follows the motion.
-
-    Parameters
-    ----------
-    march : Stepper or VariableStepper
-        The stepper at the end of the run.
-    k : int
-        The index of the invariant.
-    h : float
-        The step, or the mean step.
     """
     look: Any = march.look
     column, start = look.column(k), look.start_of(k)

@@ -18,16 +18,7 @@ _VALUES = 2**18  # of states that are looked at together
 
 
 def half_turns(angles: Angles, params: np.ndarray, t: np.ndarray, u: np.ndarray, v: np.ndarray) -> Iterator[str]:
-    """Describe each angle that passes half a turn between two saved states.
-
-    Parameters
-    ----------
-    angles : Angles
-    params : ndarray
-    t : ndarray, shape (m,)
-    u, v : ndarray, shape (m, n)
-        The saved states.
-    """
+    """Describe each angle that passes half a turn between two saved states, which have the shape (m, n)."""
     count = max(1, _VALUES // u.shape[1])
     parts = [slice(first, first + count + 1) for first in range(0, len(u) - 1, count)]
     parts = [rows for rows in parts if np.abs(u[rows][:, angles.degrees] - u[0, angles.degrees]).max() > TURNED]

@@ -34,17 +34,11 @@ _UNDAMPED = 1e-6  # damping ratio below which a system counts as undamped
 
 @dataclass(frozen=True)
 class Linearised:
-    """-df/du and -df/dv at a state.
+    """-df/du and -df/dv at a state, as the matrices K and C on orthonormal directions.
 
-    Attributes
-    ----------
-    K, C : ndarray, shape (m, m)
-        The matrices on m orthonormal directions. Up to 64 degrees of freedom these are all directions. Above, they span
-        Krylov spaces, which contain the highest frequencies and the strongest dampings to about 0.1 %.
-    evaluations : int
-        Number of evaluations of f.
-    is_complete : bool
-        Whether the directions span the whole system.
+    Up to 64 degrees of freedom these are all directions, and `is_complete` is true. Above, they span Krylov spaces,
+    which contain the highest frequencies and the strongest dampings to about 0.1 %. `evaluations` counts the
+    evaluations of f.
     """
 
     K: np.ndarray
@@ -114,11 +108,7 @@ class _Derivative:
     def measure(self, w: np.ndarray, scale: float = 0.0) -> tuple[float, np.ndarray]:
         """Find an increment along w over which f is nearly linear, but changes much more than its round-off.
 
-        Returns
-        -------
-        increment : float
-            The change of the largest entry of x.
-        product : ndarray, shape (n,)
+        Return it, which is the change of the largest entry of x, and the product.
         """
         size, longest = _INCREMENT * (scale or self._scale), _LONGEST_INCREMENT * self._scale
         largest = float(np.abs(w).max())

@@ -37,16 +37,8 @@ _SAFETY, _GAIN = 0.9, 3.0  # of the fixed step that a note names, and the least 
 def stiffness(method: Method, f: Callable, states: Iterable[tuple[float, Any, Any, float]], limited: str) -> str:
     """Describe a stiff motion; empty if it is not stiff.
 
-    Parameters
-    ----------
-    method : Method
-        The method of the steps.
-    f : callable
-        ``f(t, u, v)``, the acceleration.
-    states : iterable of (t, u, v, h)
-        States, each with the step there.
-    limited : str
-        The quantity that would otherwise limit the steps, such as rtol.
+    ``f(t, u, v)`` is the acceleration. Each of the states (t, u, v, h) comes with the step there. `limited` is the
+    quantity that would otherwise limit the steps, such as rtol.
     """
     states = list(states)
     looked = [_stiff_rate(method, f, *state) for state in states]

@@ -37,10 +37,7 @@ class MeshParts:
 class Cells:
     """The cells of a trajectory, which are the same in all states, except for links that break or leave the box.
 
-    Attributes
-    ----------
-    constant : dict of str to ndarray, shape (points,)
-        The data that are the same in all states.
+    `constant` has the data that are the same in all states, shape (points,).
     """
 
     def __init__(self, trajectory: Trajectory, types: np.ndarray) -> None:

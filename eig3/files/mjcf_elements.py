@@ -90,18 +90,8 @@ class Pose(NamedTuple):
 class Elements:
     """The elements of a file, with the files that it includes.
 
-    Parameters
-    ----------
-    path : Path
-    ignore : collection of str
-        Names of `OMISSIONS`: what the scene does not have.
-
-    Attributes
-    ----------
-    options : dict of str to str
-        The attributes of ``compiler`` and ``option``.
-    disabled : set of str
-        The flags that are set to "disable".
+    `ignore` has names of `OMISSIONS`: what the scene does not have. `options` has the attributes of ``compiler`` and
+    ``option``, and `disabled` the flags that are set to "disable".
     """
 
     def __init__(self, path: Path, ignore: Collection[str]) -> None:

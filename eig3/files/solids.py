@@ -14,12 +14,8 @@ SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
 def mass_properties(kind: str, size: np.ndarray) -> tuple[float, np.ndarray]:
     """Return the volume of a solid, and its moments of inertia for the density 1.
 
-    Parameters
-    ----------
-    kind : {"sphere", "capsule", "cylinder", "ellipsoid", "box"}
-    size : ndarray
-        The radius; the radius and half the length along z, of a capsule between the centres of its caps; or the three
-        semi-axes or half sides.
+    The size is the radius; the radius and half the length along z, of a capsule between the centres of its caps; or the
+    three semi-axes or half sides.
     """
     shapes: dict[str, Callable[..., tuple[float, np.ndarray]]] = {
         "sphere": lambda r: _ellipsoid(r, r, r),

@@ -47,29 +47,13 @@ class Snapshot:
 
 
 class Trajectory:
-    """The saved states of a run, for the writers of files.
+    """The saved states of a run, for the writers of files, with all lengths times `scale`.
 
-    Iteration reads one row of the solution at a time, so that a run in files may be larger than memory. The points that
-    represent vectors of rigid bodies are left out.
+    Iteration reads one row of the solution at a time, so that a run in files may be larger than memory: every so many
+    of the saved states. The points that represent vectors of rigid bodies are left out.
 
-    Parameters
-    ----------
-    geometry : Geometry
-    solution : Solution
-    scale : float
-        Multiplies all lengths.
-    every : int
-        Take every so many of the saved states.
-
-    Attributes
-    ----------
-    masses, radii : ndarray, shape (points,), or None
-    is_fixed : ndarray of bool, shape (points,)
-    links, cells
-        As in `Geometry`, with the numbers of the points that are left.
-    solids : list of ndarray of int, shape (cells, corners)
-        The numbers of corners that make the triangles of given shapes, and the boxes of other bodies.
-    periodic : ndarray of bool, shape (3,)
+    `masses` and `radii` are known or None, and `links` and `cells` have the numbers of the points that are left.
+    `solids` are the corners, shape (cells, corners), of the triangles of given shapes and of the boxes of other bodies.
     """
 
     def __init__(self, geometry: Geometry, solution: Any, scale: float = 1.0, every: int = 1) -> None:

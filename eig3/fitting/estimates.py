@@ -24,24 +24,11 @@ def covariance(
     """Return the covariance ``variance * inverse(J^T J)`` of the free parameters, and a mask of undetermined ones.
 
     To the first order, this is the covariance of a least-squares estimate (Seber and Wild, Nonlinear Regression, 1989,
-    section 2.1). It is computed from the singular values of J, without the round-off of J^T J.
+    section 2.1). It is computed from the singular values of J, without the round-off of J^T J. J has the derivatives of
+    the weighted residuals with respect to the p parameters, scaled by their sizes.
 
-    Parameters
-    ----------
-    jacobian : ndarray, shape (m, p)
-        The derivatives J of the weighted residuals with respect to the parameters, scaled by their sizes.
-    sizes : ndarray, shape (p,)
-        The sizes of the parameters.
-    is_free : ndarray of bool, shape (p,)
-        Parameters that are not at a bound. The others are fixed, and their rows and columns are NaN.
-    variance : float
-        The variance of the weighted residuals.
-
-    Returns
-    -------
-    matrix : ndarray, shape (p, p)
-        With infinite variances and NaN covariances of parameters that the data do not determine.
-    is_loose : ndarray of bool, shape (p,)
+    Parameters that are not free are at a bound: their rows and columns are NaN. Parameters that the data do not
+    determine have infinite variances, and covariances that are NaN.
     """
     p = len(sizes)
     found, is_loose = np.full((p, p), np.nan), np.zeros(p, dtype=bool)

@@ -25,19 +25,8 @@ from .places import Place, said
 class Model:
     """The difference between a model and the data.
 
-    Parameters
-    ----------
-    problem : Problem
-    places : sequence of Place
-    series : sequence of Series
-    options : dict
-        h or rtol, method and others, as for `Problem.prepare`.
-
-    Attributes
-    ----------
-    size : float
-        The size of all weighted values together.
-    n_runs : int
+    The options are h or rtol, method and others, as for `Problem.prepare`. `size` is the size of all weighted values
+    together.
     """
 
     def __init__(

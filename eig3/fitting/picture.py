@@ -24,20 +24,7 @@ def save(
     run: Solution,
     units: Mapping[str, str],
 ) -> Path:
-    """Write the picture of a fit.
-
-    Parameters
-    ----------
-    path : Path
-    title : str
-        The fitted parameters.
-    series : sequence of Series
-    residuals : mapping of str to ndarray
-    run : Solution
-        The fitted motion.
-    units : mapping of str to str
-        The unit of each series; empty if it is not known.
-    """
+    """Write the picture of a fit; its title has the fitted parameters, and a unit is empty if it is not known."""
     try:
         from matplotlib.figure import Figure
     except ImportError:

@@ -113,13 +113,7 @@ def said(places: Sequence[Place], values: np.ndarray) -> str:
 
 
 def varied(problem: Problem, places: Sequence[Place], rows: np.ndarray) -> dict[str, Any]:
-    """Return the arguments of `Problem.ensemble` for members with these values.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (m, p)
-        The values at the p places, in each of m members.
-    """
+    """Return the arguments of `Problem.ensemble` for members with these values at the places, shape (m, p)."""
     arrays: dict[tuple[str, str], np.ndarray] = {}
     for place, column in zip(places, rows.T, strict=True):
         array = arrays.setdefault(place[1:3], np.repeat(place.array(problem)[None], len(rows), axis=0))

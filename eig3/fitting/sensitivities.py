@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,8 +17,8 @@ from ..kernels.compile.interrupt import with_solution
 from ..keywords import with_suggestions
 from ..methods import Method
 from ..problem import Problem
-from .places import Place, check_places, sizes
-from .runs import Runs
+from ..run.chunks import IntegrationError
+from .places import Place, check_places, said, sizes, varied
 from .series import History
 from .stencils import differences, usual_steps
 
@@ -123,20 +124,25 @@ def sensitivities(
     """
     places = check_places(problem, parameters)
     own = _check_steps(places, steps)
-    options = {"method": method, "t_end": t_end, "outputs": outputs, "t_eval": t_eval}
+    options: dict[str, Any] = {"method": method, "t_end": t_end, "outputs": outputs, "t_eval": t_eval}
     is_checked, every = check_flag(check, "check"), save_every if t_eval is None else None
-    runs = Runs(problem, places, h=check_h(h), save_every=every, **options)
-    values = runs.first
-    usual = usual_steps(sizes(problem, places, runs.motion))
+    h = check_h(h)
+
+    def run(rows: np.ndarray, h: float, every: int | None) -> EnsembleSolution:
+        """Run members with these values, shape (m, p)."""
+        given = varied(problem, places, rows)
+        members = problem.ensemble(**given, invariants={}, h=h, save_every=every, **options)
+        _check_members(members, places, rows)
+        return members
+
+    values = np.array([place.value(problem) for place in places])
+    usual = usual_steps(sizes(problem, places, lambda: run(values[None], h, every)[0]))
     lengths = [own.get(place.name, step) for place, step in zip(places, usual, strict=True)]
     chosen = differences(values, np.array(lengths))
-    members = runs(chosen.rows)
-    runs.check(members, chosen.rows)
+    members = run(chosen.rows, h, every)
     found, step_errors = _history(members), None
     if is_checked:
-        halved = Runs(problem, places, h=members[0].h / 2, save_every=every and 2 * every, **options)
-        finer = halved(chosen.rows)
-        halved.check(finer, chosen.rows)
+        finer = run(chosen.rows, members[0].h / 2, every and 2 * every)
         change = chosen.derivatives(_history(finer).less(found))
         step_errors = change.map(lambda x: np.abs(x) / (1 - 0.5**members.method.order))
     names = [place.name for place in places]
@@ -161,6 +167,20 @@ def _check_steps(places: Sequence[Place], steps: Mapping[str, float] | None) -> 
         if size.ndim or not 0 < size < np.inf:
             raise ValueError(f"steps[{name!r}] must be a positive, finite number, not {step!r}.")
     return {name: float(step) for name, step in (steps or {}).items()}
+
+
+def _check_members(members: EnsembleSolution, places: Sequence[Place], rows: np.ndarray) -> None:
+    """Raise an error that names the values of the first member that did not complete, or has no finite output."""
+    failed = np.flatnonzero(~members.success)
+    if failed.size:
+        i = int(failed[0])
+        member = members[i]
+        message = f"The run with {said(places, rows[i])} fails: {member.explain()}"
+        raise IntegrationError(dataclasses.replace(member, message=message))
+    for name, values in members.outputs.items():
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(1, values.ndim))))
+        if bad.size:
+            raise ValueError(f"outputs[{name!r}] must be finite, but is not with {said(places, rows[bad[0]])}.")
 
 
 def _history(members: EnsembleSolution) -> History:

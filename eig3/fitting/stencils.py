@@ -23,11 +23,8 @@ _SPREAD = 1 / 4, -1 / 2, 1 / 2, -1 / 4  # of the difference between D(d) and D(2
 class Differences(NamedTuple):
     """The members of an ensemble whose differences give the derivatives with respect to p parameters.
 
-    Attributes
-    ----------
-    rows : ndarray, shape (1 + 4 p, p)
-        The values of the parameters in each member. The first member has the unchanged values.
-    steps : ndarray, shape (p,)
+    `rows`, shape (1 + 4 p, p), are the values of the parameters in each member. The first member has the unchanged
+    values.
     """
 
     rows: np.ndarray

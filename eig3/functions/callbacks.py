@@ -139,23 +139,11 @@ WITH_Z = 7  # arguments of a right-hand side with first-order unknowns
 
 
 def check_callback(function: Any, kind: str, form: Form, name: str | None = None) -> Callback:
-    """Compile a function for the fixed signature of its kind.
+    """Compile a function that the user passed for the fixed signature of its kind, which is an attribute of `Form`.
 
-    Parameters
-    ----------
-    function
-        The argument that the user passed.
-    kind : {"rhs", "jacobian", "invariant", "output", "event", "apply"}
-        The signature: an attribute of `Form`.
-    form : Form
-    name : str, optional
-        The name of the argument in error messages; the default is `kind`.
-
-    Returns
-    -------
-    Callback
-        The same object at each call, until the user recompiles the function, or assigns another value to a variable
-        that was compiled into it: the function is then compiled with the new value.
+    `name` is the name of the argument in error messages; the default is `kind`. The result is the same object at each
+    call, until the user recompiles the function, or assigns another value to a variable that was compiled into it: the
+    function is then compiled with the new value.
 
     Raises
     ------

@@ -55,14 +55,9 @@ class Constraints(NamedTuple):
 class Cutoffs(NamedTuple):
     """The cutoffs of the forces, and the distances of the impacts, between points in p.
 
-    Attributes
-    ----------
-    degrees : int
-        The number of coordinates of points, which are the first degrees of freedom.
-    places : tuple of (int, int, float)
-        The begin and the end of values in p, and the factor from the least of them to a distance.
-    acting : ndarray of int
-        The coordinates of the points on which these forces and impacts act.
+    `degrees` is the number of coordinates of points, which are the first degrees of freedom. `places` are the begin and
+    the end of values in p, and the factor from the least of them to a distance. `acting` are the coordinates of the
+    points on which these forces and impacts act.
     """
 
     degrees: int

@@ -168,16 +168,9 @@ _WITHOUT = NONE, np.empty(0)
 def check_z0(rhs: Any, z0: Any, form: Form | None = None, *, of_members: bool = False) -> tuple[FirstOrder, np.ndarray]:
     """Return the first-order unknowns of a right-hand side, and their first values in one array.
 
-    Parameters
-    ----------
-    rhs : jitted function
-        In the form ``f(t, u, v, z, p, a, dz)``. In the form of the kernels, z are integrals.
-    z0 : float, array_like, dict of str to these, or None
-    form : Form, optional
-        The form of u0 and v0.
-    of_members : bool
-        Whether arrays have values of members: an array without names has a last axis of unknowns, and an array with a
-        name has the values of one unknown.
+    With rhs in the form ``f(t, u, v, z, p, a, dz)``, z are unknowns; in the form of the kernels, they are integrals.
+    `form` is the form of u0 and v0. With `of_members`, arrays have values of members: an array without names has a last
+    axis of unknowns, and an array with a name has the values of one unknown.
 
     Raises
     ------

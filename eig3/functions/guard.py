@@ -31,11 +31,11 @@ class ReadsBeyondError(NotFiniteAtStartError):
     """The right-hand side is not finite at the start, because it reads beyond the end of an array."""
 
 
-def guarded(values: np.ndarray, guards: float = np.nan, count: int = GUARD_VALUES) -> np.ndarray:
-    """Return a copy of a 1-D array, with `count` guard values before and after it in memory."""
-    buffer = np.empty(values.size + 2 * count)
+def guarded(values: np.ndarray, guards: float = np.nan) -> np.ndarray:
+    """Return a copy of a 1-D array, with guard values before and after it in memory."""
+    buffer = np.empty(values.size + 2 * GUARD_VALUES)
     buffer.fill(guards)  # np.full takes four times as long for so few values
-    inside = buffer[count : count + values.size]
+    inside = buffer[GUARD_VALUES : GUARD_VALUES + values.size]
     inside[:] = values
     return inside
 
@@ -44,8 +44,7 @@ def beyond(inside: np.ndarray) -> bool:
     """Return whether a function has written to the guard values around an array from `guarded`."""
     guards = inside.base
     assert guards is not None
-    count = (guards.size - inside.size) // 2
-    return not (are_untouched(guards[:count]) and are_untouched(guards[-count:]))
+    return not (are_untouched(guards[:GUARD_VALUES]) and are_untouched(guards[-GUARD_VALUES:]))
 
 
 def are_untouched(guards: np.ndarray) -> bool:

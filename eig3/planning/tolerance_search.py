@@ -21,16 +21,9 @@ _WORK = 2**24  # work that is always allowed for a run
 
 
 class ToleranceSearch(Timed):
-    """The search for the largest rtol with which a method reaches the aim.
+    """The search for the largest rtol with which a method reaches the aim; it is NaN if none is known.
 
-    Attributes
-    ----------
-    rtol : float
-        The largest rtol; NaN if none is known.
-    runs : list of (float, Run)
-        Each trial of rtol, and its run.
-    failure : str
-        The reason why no rtol is known.
+    `runs` has each trial of rtol, and its run. `failure` is the reason why no rtol is known.
     """
 
     is_limited = False

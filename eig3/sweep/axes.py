@@ -19,16 +19,9 @@ _NEAR = 1e-9  # relative distance within which a value is rounded to a whole num
 
 @dataclass(frozen=True)
 class Axis:
-    """A swept parameter.
+    """A swept parameter from `low` to `high`: a grid with `count` values, or without a count a random sample.
 
-    Attributes
-    ----------
-    name : str
-    low, high : float
-    count : int or None
-        Number of values of a grid; None for a random sample.
-    is_log : bool
-        Whether the values are spaced, or distributed, uniformly in the logarithm.
+    With `is_log`, the values are spaced, or distributed, uniformly in the logarithm.
     """
 
     name: str

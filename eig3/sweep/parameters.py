@@ -20,17 +20,10 @@ _UNIT = rf"(?:1/)?\(?{_PRODUCT}\)?(?:/(?:{_PRODUCT}|\({_PRODUCT}\)))?"
 
 
 class Parameters:
-    """The parameters of one of `eig3.problems`.
+    """The parameters of one of `eig3.problems`: the numerical arguments of its function, and entries of the start.
 
-    Parameters
-    ----------
-    build : callable
-        The function of `eig3.problems`. The parameters are its numerical arguments, and the entries u0[i] and v0[i] of
-        the initial values.
-    t_end : float, optional
-        The end of the run; by default the end of the problem's span.
-    work : bool
-        Whether to integrate the work if the problem has this option.
+    These are the entries u0[i] and v0[i] of the initial values. `t_end` is the end of the run; by default the end of
+    the problem's span. With `work`, the work is integrated if the problem has this option.
     """
 
     def __init__(self, build: Callable[..., Problem], *, t_end: float | None = None, work: bool = False) -> None:

@@ -115,24 +115,9 @@ class Study:
     ) -> Study:
         """Check the arguments of a study.
 
-        Parameters
-        ----------
-        build : callable
-            A function of `eig3.problems`.
-        axes : sequence of Axis
-            The swept parameters: one or two for a grid, any number for a random sample.
-        measures : sequence of Measure
-        fixed : sequence of (str, float)
-            Parameters that differ from the defaults of the problem.
-        random, seed : int, optional
-            Number of members of a random sample, and its seed. Without `random` the members are the grid of the axes.
-        h : float, optional
-            The step, s. The default is the shortest default step at the corners of the swept region.
-        method : str or Method
-        t_end : float, optional
-            The end of the run; by default the end of the problem's span.
-        after : float, optional
-            Measure only after this time.
+        There are one or two `axes` for a grid, and any number for a random sample with `random` members and a `seed`.
+        `fixed` has parameters that differ from the defaults of the problem. The default of h is the shortest default
+        step at the corners of the swept region. The members are measured only after the time `after`.
 
         Raises
         ------

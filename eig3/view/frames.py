@@ -149,10 +149,7 @@ def _planes(mechanism: Mechanism, low: np.ndarray, high: np.ndarray, *, is_flat:
 
 def _trails(frames: Frames) -> Iterator[np.ndarray]:
     """Yield the path of each point with a trail, as rows of the time and the place."""
-    mechanism, film = frames.mechanism, frames.film
-    if not len(mechanism.trails) or len(mechanism.box):
-        return
-    some = slice(None, None, 1 + len(film.times) // _TRAIL)
-    paths = film.path(lambda t, u: mechanism.places(t, u.reshape(len(t), -1))[:, list(mechanism.trails)])
-    for path in np.moveaxis(paths[some], 1, 0):
-        yield np.column_stack([film.times[some], in_space(path)])
+    film = frames.film
+    for path in frames.mechanism.paths(film):
+        some = slice(None, None, 1 + len(path) // _TRAIL)
+        yield np.column_stack([film.times[some], in_space(path[some])])

@@ -63,21 +63,10 @@ def show(
     has_seconds: bool = True,
     t_end: float | None = None,
 ) -> Page:
-    """Write a page with a view of a run, as `Problem.show` describes it.
+    """Write a page with a view of a run, as `Problem.show` describes it, with `name` as its title.
 
-    Parameters
-    ----------
-    view : Mechanism
-    solution : Solution
-    path : str or path, optional
-    name : str
-        The title of the page.
-    look : dict, optional
-        The limits, the camera and the color at the start; None for what is not chosen.
-    has_seconds : bool
-        Whether the time is in seconds; if not, it has no unit.
-    t_end : float, optional
-        The end of the run, if `solution` is only its beginning.
+    `look` has the limits, the camera and the color at the start; None for what is not chosen. The time is in seconds,
+    or without `has_seconds` has no unit. `t_end` is the end of the run, if `solution` is only its beginning.
     """
     target = check_page(path)
     mechanism = geometry(view, name)

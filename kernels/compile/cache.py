@@ -56,17 +56,10 @@ class _UntrustedError(Exception):
 
 
 class CheckedCache(DiskCache):
-    """The cache of one function.
+    """The cache of one function; `describe` is as for `DiskCache`.
 
-    Parameters
-    ----------
-    function : jitted function
-    name : str, optional
-        What tells the function from all others. Without it, the content of the function does.
-    variant : str, optional
-        What tells the code from other code of the same function.
-    describe : function, optional
-        As for `DiskCache`.
+    `name` tells the function from all others. Without it, the content of the function does. `variant` tells the code
+    from other code of the same function.
     """
 
     def __init__(
@@ -106,7 +99,8 @@ class _Files:
         self._versions = *VERSIONS, numba.config.BOUNDSCHECK, *sorted(PATCHES)
 
     def _path(self, key: Any) -> Path:
-        return self.folder / f"eig3.{self._stamp}.{_digest(key)}.nbc"
+        digest = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
+        return self.folder / f"eig3.{self._stamp}.{digest}.nbc"
 
     def load(self, key: Any) -> Any:
         key = key, self._versions
@@ -215,10 +209,6 @@ def _opener_in(folder: int | None) -> Any:
     if folder is None:
         return None
     return lambda path, flags: os.open(Path(path).name, flags, dir_fd=folder)
-
-
-def _digest(value: Any) -> str:
-    return hashlib.sha256(repr(value).encode()).hexdigest()[:16]
 
 
 def keep_on_disk(function: Any, name: str = "", **options: Any) -> Any:

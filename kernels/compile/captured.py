@@ -27,14 +27,9 @@ _PLAIN = bool, int, float, complex, str, bytes, type(None), np.generic
 class Captured:
     """The captured values of one function, as they are now.
 
-    Attributes
-    ----------
-    functions : list of jitted functions
-        Those that the function may call.
-    values : dict of str to value
-        The numbers, texts and arrays, by name, without the values of this package's functions, which do not change.
-    random : str
-        The name under which the function reaches random numbers; empty if it reaches none.
+    It may call the jitted `functions`. `values` are the numbers, texts and arrays by name, without the values of this
+    package's functions, which do not change. `random` is the name under which it reaches random numbers; empty for
+    none.
     """
 
     def __init__(self, function: Any) -> None:

@@ -94,17 +94,10 @@ def type_returned(function: Any, arguments: tuple) -> Any:
 def compile_kernel(template: Callable, names: dict[str, Any], signature: Any, label: str = "") -> Any:
     """Compile a template for a signature, and return the compiled function without the checks of its arguments.
 
-    Parameters
-    ----------
-    template : function
-        A plain Python function in a file of this folder.
-    names : dict
-        Globals that the template uses besides the globals of its file.
-    signature : Numba signature
-    label : str
-        What tells the kernel from others with the same template, for which it is found on the disk. All `names` must
-        then come from this folder, of which a checksum is in the name of the file. Without a label, the kernel is found
-        by its content.
+    The template is a plain Python function in a file of this folder, and `names` are globals that it uses besides the
+    globals of its file. `label` tells the kernel from others with the same template, for which it is found on the disk.
+    All names must then come from this folder, of which a checksum is in the name of the file. Without a label, the
+    kernel is found by its content.
     """
     return call_without_checks(_compiled(template, names, signature, label, WITHOUT_C_WRAPPER))
 

@@ -528,18 +528,11 @@ def _codegen() -> Any:
 
 @contextmanager
 def compilations() -> Iterator[list[Jitted]]:
-    """A block with a list of the jitted functions that Numba compiles in it; those from a cache are not in the list."""
-
-    class Listener(event.Listener):
-        def on_start(self, begun: Any) -> None:
-            functions.append(begun.data["dispatcher"])
-
-        def on_end(self, ended: Any) -> None:
-            pass
-
+    """A block after which a list has the jitted functions that Numba compiled in it, without those from a cache."""
     functions: list[Jitted] = []
-    with event.install_listener("numba:compile", Listener()):
+    with event.install_recorder("numba:compile") as recorder:
         yield functions
+    functions += [each.data["dispatcher"] for _, each in recorder.buffer if each.is_start]
 
 
 # Values in the code of an intrinsic
@@ -560,11 +553,12 @@ def parts_of(context: Any, builder: Any, kind: Any, array: Any) -> ArrayParts:
     return ArrayParts(parts.data, shape, strides)
 
 
-def array_over(context: Any, builder: Any, kind: Any, data: Any, n: Any, stride: Any) -> Any:
-    """Return a 1-D array of n numbers with a stride in bytes, over memory without reference counting."""
+def array_over(context: Any, builder: Any, kind: Any, data: Any, n: Any, stride: Any = None) -> Any:
+    """Return a 1-D array of n numbers, which are neighbours without a stride in bytes, without reference counting."""
     array = arrayobj.make_array(kind)(context, builder)
     itemsize = context.get_constant(numba.types.intp, kind.dtype.bitwidth // 8)
-    arrayobj.populate_array(array, data=data, shape=[n], strides=[stride], itemsize=itemsize, meminfo=None)
+    strides = [itemsize if stride is None else stride]
+    arrayobj.populate_array(array, data=data, shape=[n], strides=strides, itemsize=itemsize, meminfo=None)
     return array._getvalue()
 
 
@@ -611,8 +605,7 @@ def flat(typingctx, array):  # type: ignore[no-untyped-def]
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         source = parts_of(context, builder, signature.args[0], args[0])
-        itemsize = context.get_constant(numba.types.intp, array.dtype.bitwidth // 8)
-        return array_over(context, builder, kind, source.data, functools.reduce(builder.mul, source.shape), itemsize)
+        return array_over(context, builder, kind, source.data, functools.reduce(builder.mul, source.shape))
 
     return kind(array), codegen
 
@@ -629,6 +622,8 @@ class FloatPointer(numba.types.Type):
 
     The code of an array has its size and stride, and what an index below zero means: pointers compile in less time.
     """
+
+    dtype = numba.types.float64
 
     def __init__(self) -> None:
         super().__init__("FloatPointer")
@@ -652,6 +647,8 @@ class Row(numba.types.Type):
     It compiles in less time, as a `FloatPointer` does. A function that takes an array gets one.
     """
 
+    dtype = numba.types.float64
+
     def __init__(self) -> None:
         super().__init__("Row")
 
@@ -672,15 +669,15 @@ class Located(numba.types.Type):
         return index, self.record.types[index]
 
 
-_PLAIN = numba.types.Number, numba.types.Boolean, numba.types.Array, numba.types.BaseTuple, FloatPointer, Strip, Row
+_INDEXED = FloatPointer, Strip, Row
+_PLAIN = numba.types.Number, numba.types.Boolean, numba.types.Array, numba.types.BaseTuple, *_INDEXED
 
 
 @register_model(FloatPointer)
 @register_model(Strip)
 class _PointerModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: FloatPointer | Strip) -> None:
-        dtype = kind.dtype if isinstance(kind, Strip) else numba.types.float64
-        super().__init__(manager, kind, manager[dtype].get_data_type().as_pointer())
+        super().__init__(manager, kind, manager[kind.dtype].get_data_type().as_pointer())
 
 
 @register_model(Row)
@@ -714,9 +711,7 @@ def _field_of_located(context: Any, builder: Any, kind: Located, value: Any, nam
 @type_callable(operator.getitem)
 def _type_of_entry(context: Any) -> Callable:
     def typer(values: Any, index: Any) -> Any:
-        if isinstance(values, Strip):
-            return values.dtype
-        return numba.types.float64 if isinstance(values, FloatPointer | Row) else None
+        return values.dtype if isinstance(values, _INDEXED) else None
 
     return typer
 
@@ -724,10 +719,7 @@ def _type_of_entry(context: Any) -> Callable:
 @type_callable(operator.setitem)
 def _type_of_change(context: Any) -> Callable:
     def typer(values: Any, index: Any, value: Any) -> Any:
-        if isinstance(values, FloatPointer | Row | Strip):
-            dtype = values.dtype if isinstance(values, Strip) else numba.types.float64
-            return signature_of(numba.types.none, values, index, dtype)
-        return None
+        return signature_of(numba.types.none, values, index, values.dtype) if isinstance(values, _INDEXED) else None
 
     return typer
 
@@ -775,8 +767,7 @@ def _place_in_row(context: Any, builder: Any, row: Any, index: Any) -> Any:
 
 @lower_cast(Row, numba.types.Array)
 def _array_over_row(context: Any, builder: Any, kind: Row, array: Any, value: Any) -> Any:
-    data, n = parts_of_row(builder, value)
-    return array_over(context, builder, array, data, n, context.get_constant(numba.types.intp, 8))
+    return array_over(context, builder, array, *parts_of_row(builder, value))
 
 
 def parts_of_row(builder: Any, row: Any) -> tuple[Any, Any]:
@@ -793,8 +784,7 @@ def row_over(context: Any, builder: Any, data: Any, n: Any) -> Any:
 
 @lower_cast(Strip, numba.types.Array)
 def _array_over_strip(context: Any, builder: Any, kind: Strip, array: Any, value: Any) -> Any:
-    count, stride = (context.get_constant(numba.types.intp, size) for size in (kind.count, 8))
-    return array_over(context, builder, array, value, count, stride)
+    return array_over(context, builder, array, value, context.get_constant(numba.types.intp, kind.count))
 
 
 def copy_on_stack(builder: Any, value: Any) -> Any:
@@ -824,11 +814,8 @@ class CompiledFunction(numba.types.Callable):
     A call of a `numba.types.FunctionType` also has code for a function without an address, which asks Python for one:
     kernels would take longer to compile, and a step of them longer to run.
 
-    Parameters
-    ----------
-    signature : Numba signature
-    call : jitted function, optional
-        What is called instead, as ``call(..., function)``. Types with a `call` of one name are the same.
+    A jitted function `call` is called instead, as ``call(..., function)``. Types with a `call` of one name are the
+    same.
     """
 
     def __init__(self, signature: Any, call: Jitted | None = None) -> None:
@@ -882,22 +869,11 @@ def addresses_of_members(result: Any, count: int) -> tuple[list[int], Any]:
     """Return the addresses of functions that call a compiled function with 0 to count - 1 as its first argument.
 
     A kernel calls a function at an address, with fixed arguments. Each member thus needs a separate address: there, a
-    function of a few instructions adds the number and jumps to the function of the family. These are written
-    as code of LLVM, because Numba would take some tenths of a second for each. The number is a float, for which there
-    is a free register on most processors: an integer would displace the other arguments, and each of them would have to
-    be moved.
+    function of a few instructions adds the number and jumps to the function of the family. These are written as code of
+    LLVM, because Numba would take some tenths of a second for each. The number is a float, for which there is a free
+    register on most processors: an integer would displace the other arguments, and each of them would have to be moved.
 
-    Parameters
-    ----------
-    result : Numba's compile result
-        The function of the family. Its first argument is of the type float64.
-    count : int
-
-    Returns
-    -------
-    addresses : list of int
-    library : Numba's code library
-        Keeps the machine code alive. `result` must be kept too.
+    Also return Numba's code library, which keeps the machine code alive; `result`, of the family, must be kept too.
     """
     name, context = result.fndesc.llvm_func_name, result.target_context
     family = context.call_conv.get_function_type(result.fndesc.restype, result.fndesc.argtypes)
@@ -930,17 +906,8 @@ class NoFolderError(OSError):
 class DiskCache(FunctionCache):
     """The cache of one function on the disk. A subclass says in which files, under which key, and what an error means.
 
-    Parameters
-    ----------
-    beside : function
-        The files are in the folder that Numba has for this one.
-    describe : function
-        Its text about a compile result is kept with the code, of which LLVM's text is lost.
-
-    Attributes
-    ----------
-    description : str
-        Of what was compiled or loaded last.
+    The files are in the folder that Numba has for the function `beside`. The text of `describe` about a compile result
+    is kept with the code, of which LLVM's text is lost: `description` is the text of what was compiled or loaded last.
 
     Raises
     ------

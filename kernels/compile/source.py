@@ -16,15 +16,9 @@ _WRITTEN = re.compile(r"<[a-z]+ [0-9a-f]{8}>")  # the name of a file that `defin
 
 
 def define(text: str, what: str, names: Mapping[str, Any]) -> dict[str, Any]:
-    """Execute the source of some functions, and return their namespace.
+    """Execute the source of some functions, which use the globals `names`, and return their namespace.
 
-    Parameters
-    ----------
-    text : str
-    what : str
-        The beginning of the name under which tracebacks show the source.
-    names : mapping
-        The globals that the functions use.
+    `what` is the beginning of the name under which tracebacks show the source.
     """
     filename = f"<{what} {zlib.crc32(text.encode()):08x}>"
     linecache.cache[filename] = len(text), None, text.splitlines(keepends=True), filename
@@ -34,13 +28,7 @@ def define(text: str, what: str, names: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Writer:
-    """Writes Python source.
-
-    Attributes
-    ----------
-    lines : list of str
-        What was written so far.
-    """
+    """Writes Python source; `lines` have what was written so far."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []

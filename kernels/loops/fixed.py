@@ -165,18 +165,9 @@ def kernel(method: Formulas, order: int, form: Form, n: int, *, looks: int, seco
     number of steps that it took, the next row to write, and how it ended: GOING after all steps, FAILED if a solve
     failed, FULL, or an outcome of an event.
 
-    Parameters
-    ----------
-    method : Formulas
-    order : int
-        The order of the method.
-    form : Form
-    n : int
-        Number of degrees of freedom.
-    looks : int
-        0 if the argument `look` is None, or one of `FOLLOWS` and `SEARCHES`, which say for what the kernel uses it.
-    second : str
-        The kind of the second callback, such as "jacobian"; empty if there is none.
+    `order` is the order of the method. `looks` is 0 if the argument `look` is None, or one of `FOLLOWS` and `SEARCHES`,
+    which say for what the kernel uses it. `second` is the kind of the second callback, such as "jacobian"; empty for
+    none.
     """
     has_own = form is SCALAR or (n == 2 and not looks)
     return _kernel(method, order if looks == SEARCHES else 0, form, n if has_own else 0, looks, second)
@@ -207,16 +198,8 @@ def inline_kernel(
     """Compile the kernel of a method with its callbacks inlined. It is called as ``kernel((rhs, None), state, ...)``.
 
     With few degrees of freedom, it is valid for this number only, and keeps its rows on the stack. At events, and at
-    times at which the state is wanted, the quantities are called at their addresses.
-
-    Parameters
-    ----------
-    method, order, form, n, looks
-        As for `kernel`.
-    rhs, jacobian : jitted function
-        `jacobian` may be None.
-    quantities : tuple
-        The quantities, as pairs of a jitted function and its number of values, or 0, in the order of `Follow.table`.
+    times at which the state is wanted, the quantities are called at their addresses. `quantities` are pairs of a jitted
+    function and its number of values, or 0, in the order of `Follow.table`. The other arguments are as for `kernel`.
     """
     callbacks, names = inline_callbacks(form, rhs, jacobian)
     is_stacked = n <= STACKED_DEGREES

@@ -51,14 +51,9 @@ def nothing(y, c, h, n):
 
 
 class Formulas:
-    """The names that a method's file defines, with defaults for those that it leaves out.
+    """The names that a method's file, the `module`, defines, with defaults for those that it leaves out.
 
-    Parameters
-    ----------
-    module : module
-        The method's file, as `eig3.kernels` describes it.
-    arguments : tuple
-        For a family of methods, the arguments of the file's function `member`, which returns the names.
+    For a family of methods, `arguments` are for the file's function `member`, which returns the names.
 
     Raises
     ------

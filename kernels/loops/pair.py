@@ -42,14 +42,9 @@ _NAMES = {"__name__": __name__, "combined": combined}
 class Text(Writer):
     """Writes functions of a state whose entries j belong to one system, or, with lanes, to a system in each lane.
 
-    Attributes
-    ----------
-    trial, square, advance : str
-        The arguments of these functions.
-    result, if_accepted : str
-        What `square` does with its result, and in which lanes `advance` changes a row.
-    own, d, before : str
-        The index of what each lane has separately, the number of a degree of freedom, and the step before.
+    `trial`, `square` and `advance` are the arguments of these functions. `result` is what `square` does with its
+    result, and `if_accepted` in which lanes `advance` changes a row. `own`, `d` and `before` are the index of what each
+    lane has separately, the number of a degree of freedom, and the step before.
     """
 
     def __init__(self, n: int = 0, lanes: int = 0) -> None:
@@ -180,26 +175,12 @@ class Steps:
 class Pair(Steps):
     """The formulas of a pair.
 
-    Parameters
-    ----------
-    tableau : Tableau
-    order : int
-        The order of the estimate of the error, plus 1.
-    errors : sequence of sequences of float
-        The weights of the estimate. If there are two of them, of orders 5 and 3, they are combined as in DOP853.
-    extension : tuple of sequences, optional
-        The continuous extension: times and rows of further stages, and weights of all stages in the last terms of its
-        polynomial. Without an extension, it is the polynomial of degree 5 through u, v and a at both ends.
+    If there are two estimates of the error with weights in `errors`, of orders 5 and 3, they are combined as in DOP853.
+    The `extension` has the times and rows of further stages, and the weights of all stages in the last terms of its
+    polynomial. Without an extension, it is the polynomial of degree 5 through u, v and a at both ends.
 
-    Attributes
-    ----------
-    tableau : Tableau
-    c, A : list
-        The times of the stages, of the end of the step and of further stages, and the rows of their matrix.
-    n_stages : int
-    accelerations : list of str
-        The names of the rows with the accelerations of the stages.
-    errors : sequence of sequences of float
+    c and A have the times of the stages, of the end of the step and of further stages, and the rows of their matrix.
+    `accelerations` are the names of the rows with the accelerations of the stages.
     """
 
     known_terms = 4  # the terms of the extension that follow from the states at both ends

@@ -40,14 +40,8 @@ def product(row: Row, A: Sequence[Row]) -> list[Fraction]:
 class Tableau:
     """The formulas of one method: the names that a method's file contains.
 
-    Parameters
-    ----------
-    c : sequence of float
-        The times of the stages, as fractions of the step.
-    A : sequence of sequences of float
-        The rows of the matrix below its diagonal, from the second stage on.
-    b : sequence of float
-        The weights of the stages.
+    c are the times of the stages, as fractions of the step. A has the rows of the matrix below its diagonal, from the
+    second stage on, and b the weights of the stages.
     """
 
     #: The rows that a stage writes, and the row that it hands to the right-hand side as v.

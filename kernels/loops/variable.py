@@ -196,20 +196,12 @@ def is_silent(n, y):
 def kernel(module: str, form: Form, n: int, *, parts: Collection[str] | None) -> Any:
     """Compile the kernel of a method for a right-hand side given as an address, or load it from the disk.
 
-    One degree of freedom in the scalar form and two in the vector form have kernels of their own. The kernel is called
-    as ``kernel((rhs, None), state, Observation(), counters, span, look)``. It returns the number of steps that it took,
-    the next row to write, and how it ended.
+    One degree of freedom in the scalar form and two in the vector form have kernels of their own, and n = 0 stands for
+    a kernel that serves every number. The kernel is called as ``kernel((rhs, None), state, Observation(), counters,
+    span, look)``. It returns the number of steps that it took, the next row to write, and how it ended.
 
-    Parameters
-    ----------
-    module : str
-        The name of a file of `eig3.kernels.methods` with the formulas `variable`, which is described in
-        `eig3.kernels.loops.pair`.
-    form : Form
-    n : int
-        Number of degrees of freedom; 0 for a kernel that serves every number.
-    parts : collection of str, optional
-        None if the argument `look` is None. Otherwise what the kernel looks for within steps: see `observation`.
+    `module` names a file of `eig3.kernels.methods` with the formulas `variable`, see `eig3.kernels.loops.pair`. `parts`
+    is None if the argument `look` is None, or otherwise what the kernel looks for within steps: see `observation`.
     """
     n = own_degrees(form, n)
     return observing(_kernel(module, form, n), module, form, n, parts)
