@@ -65,6 +65,12 @@ class Case:
             columns[:, spread.columns] = (spread.low + (spread.high - spread.low) * share)[:, None]
         return values
 
+    def states(self, m: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the u0, the v0 and the params of m members, each with the members along its first axis."""
+        values = self.members(m)
+        v0 = np.tile(np.ravel(self.problem.v0).astype(np.float64), (m, 1))
+        return values["u0"].reshape(m, -1), v0, values["params"]
+
     def one_by_one(self, m: int) -> list[Problem]:
         """Return m members as problems of their own."""
         values = self.members(m)
@@ -73,13 +79,12 @@ class Case:
     def run_by_hand(self, m: int, n_steps: int) -> Callable[[], np.ndarray]:
         """Return a run of the loop by hand, which returns the displacements at the end, of shape (m, n)."""
         assert self.by_hand
-        loop, values = numba.njit(**OPTIONS)(self.by_hand), self.members(m)
-        u0 = values["u0"].reshape(m, -1)
-        v0 = np.tile(np.ravel(self.problem.v0).astype(np.float64), (m, 1))
+        loop = numba.njit(**OPTIONS)(self.by_hand)
+        u0, v0, params = self.states(m)
 
         def run() -> np.ndarray:
             ends = np.empty_like(u0)
-            loop(u0, v0, values["params"], self.h, n_steps, ends)
+            loop(u0, v0, params, self.h, n_steps, ends)
             return ends
 
         return run

@@ -19,7 +19,7 @@ from .ensemble_cases import SAMPLES, Case
 from .rivals.expressions import EXPRESSIONS
 from .rivals.impacts import heyoka_events
 from .rivals.rival import is_installed
-from .rivals.symbolic import jax_symbols, jax_with_doubles
+from .rivals.symbolic import diffrax_run, heyoka_system, jax_symbols, jax_with_doubles
 from .timing import seconds_of
 
 #: A run of all members, which returns their displacements at the end, of shape (m, n).
@@ -60,24 +60,13 @@ def _split(values: np.ndarray, symbol: Callable[[int], Any]) -> tuple[list[Any],
     return columns, np.ascontiguousarray(values[:, differs].T)
 
 
-def _states(case: Case, m: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the u0, the v0 and the params of m members, each with the members along its first axis."""
-    values = case.members(m)
-    u0 = values["u0"].reshape(m, -1)
-    return u0, np.tile(np.ravel(case.problem.v0).astype(np.float64), (m, 1)), values["params"]
-
-
 def _heyoka_system(case: Case, m: int) -> tuple[list[Any], np.ndarray, np.ndarray]:
     """Return the equations, the states at the start, shape (2 n, m), and the parameters, shape (k, m)."""
     import heyoka
 
-    u0, v0, params = _states(case, m)
+    u0, v0, params = case.states(m)
     p, own = _split(params, lambda i: heyoka.par[i])
-    n = u0.shape[1]
-    u, v = ([heyoka.make_vars(f"{name}{j}") for j in range(n)] for name in "uv")
-    accelerations = EXPRESSIONS[case.problem.name](heyoka, u, v, p)
-    system = [*zip(u, v, strict=True), *zip(v, accelerations, strict=True)]
-    return system, np.concatenate([u0.T, v0.T]), own
+    return heyoka_system(case.problem, p), np.concatenate([u0.T, v0.T]), own
 
 
 def _heyoka_batch(
@@ -92,7 +81,7 @@ def _heyoka_batch(
         np.zeros((len(y0), width)),
         tol=tolerance,
         pars=np.zeros((len(own), width)),
-        t_events=_events(heyoka.t_event_batch, case, system, tolerance),
+        t_events=heyoka_events(heyoka.t_event_batch, system, case.problem, tolerance),
     )
 
     def members(i: int) -> slice:
@@ -108,12 +97,6 @@ def _heyoka_batch(
         return solver
 
     return solver, begin, members
-
-
-def _events(event: Any, case: Case, system: list[Any], tolerance: float) -> list[Any]:
-    variables = [variable for variable, _ in system]
-    n = len(system) // 2
-    return heyoka_events(event, variables[:n], variables[n:], case.problem, tolerance)
 
 
 def _heyoka_batches(threads: int, case: Case, m: int) -> Callable[[float], Run]:
@@ -180,7 +163,7 @@ def _heyoka_ensemble(case: Case, m: int) -> Callable[[float], Run]:
     n = len(y0) // 2
 
     def at(tolerance: float) -> Run:
-        events = _events(heyoka.t_event, case, system, tolerance)
+        events = heyoka_events(heyoka.t_event, system, case.problem, tolerance)
         solver = heyoka.taylor_adaptive(system, y0[:, 0], tol=tolerance, pars=own[:, 0], t_events=events)
 
         def begin(solver: Any, i: int) -> Any:
@@ -202,7 +185,7 @@ def _heyoka_ensemble(case: Case, m: int) -> Callable[[float], Run]:
 def _jax_members(case: Case, m: int) -> tuple[tuple, Callable]:
     """Return u0, v0 and the parameters of the members as tuples of arrays, and ``f(t, u, v, own)`` for one member."""
     jax_with_doubles()
-    u0, v0, params = _states(case, m)
+    u0, v0, params = case.states(m)
     _, own = _split(params, int)
     expression = {**EXPRESSIONS, "shear_building": _shear_building}[case.problem.name]
 
@@ -248,9 +231,7 @@ def jax_eig3(case: Case, m: int, n_steps: int) -> Run:
 
 
 def _diffrax(method: str, case: Case, m: int) -> Callable[[float], Run]:
-    jax = jax_with_doubles()
-    import diffrax
-
+    jax, t_end = jax_with_doubles(), case.problem.t_span[1]
     arguments, f = _jax_members(case, m)
 
     def slope(t: Any, y: tuple, own: tuple) -> tuple:
@@ -258,18 +239,7 @@ def _diffrax(method: str, case: Case, m: int) -> Callable[[float], Run]:
         return v, f(t, u, v, own)
 
     def member(u: tuple, v: tuple, own: tuple, tolerance: float) -> tuple:
-        return diffrax.diffeqsolve(
-            diffrax.ODETerm(slope),
-            getattr(diffrax, method)(),
-            0.0,
-            case.problem.t_span[1],
-            None,  # the first step is the controller's choice
-            (u, v),
-            own,
-            saveat=diffrax.SaveAt(t1=True),
-            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
-            max_steps=None,
-        ).ys[0]
+        return diffrax_run(method, slope, (0.0, t_end), (u, v), own, tolerance, tolerance, max_steps=None).ys[0]
 
     members = jax.jit(jax.vmap(member, in_axes=(0, 0, 0, None)))
     chunks = [jax.tree.map(lambda x, i=i: x[i : i + _CHUNK], arguments) for i in range(0, m, _CHUNK)]

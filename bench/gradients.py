@@ -20,7 +20,7 @@ from . import text
 from .choices import add_repeats
 from .environment import in_words
 from .rivals.rival import is_installed
-from .rivals.symbolic import jax_with_doubles
+from .rivals.symbolic import diffrax_run, jax_with_doubles
 from .timing import medians, seconds_of
 
 TARGET = 1e-6  # the largest error of a derivative, relative to its size
@@ -78,19 +78,9 @@ def _compiled(method: str, adjoint: str, t_end: float) -> Any:
 
     def end(values, tolerance):
         *p, u0, v0 = values
-        solution = diffrax.diffeqsolve(
-            diffrax.ODETerm(slope),
-            getattr(diffrax, method)(),
-            0.0,
-            t_end,
-            None,  # the first step is the controller's choice
-            (u0, v0),
-            tuple(p),
-            saveat=diffrax.SaveAt(t1=True),
-            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
-            adjoint=diffrax.ForwardMode() if adjoint == "forward" else diffrax.RecursiveCheckpointAdjoint(),
-            max_steps=_MOST_STEPS,
-        )
+        options = {"max_steps": _MOST_STEPS}
+        options["adjoint"] = diffrax.ForwardMode() if adjoint == "forward" else diffrax.RecursiveCheckpointAdjoint()
+        solution = diffrax_run(method, slope, (0.0, t_end), (u0, v0), tuple(p), tolerance, tolerance, **options)
         return jax.numpy.concatenate(solution.ys)
 
     return jax.jit((jax.jacfwd if adjoint == "forward" else jax.jacrev)(end))

@@ -71,68 +71,8 @@ class Checked:
 
 
 @dataclass(frozen=True)
-class Case:
-    """A plan, its predictions after their runs, and the first choice timed beside the best of the sweep.
-
-    Attributes
-    ----------
-    plan : Plan
-    checked : sequence of Checked
-        The first choice comes first.
-    seconds : float
-        The median time of the first choice.
-    best : str
-        The label of the best method of the sweep; empty if none reaches the accuracy.
-    best_seconds : float
-        Its median time.
-    """
-
-    plan: Plan
-    checked: Sequence[Checked]
-    seconds: float
-    best: str
-    best_seconds: float
-
-    @property
-    def ratio(self) -> float:
-        return self.seconds / self.best_seconds
-
-    @property
-    def name(self) -> str:
-        return f"{self.plan.problem.name}, {self.plan.metric} {self.plan.accuracy:g}"
-
-    @property
-    def miss(self) -> str:
-        """What is wrong with the first choice; empty if nothing is."""
-        if not self.checked:
-            return f"no method is predicted to reach the accuracy, but {self.best} does"
-        label = self.plan.best.label
-        if self.checked[0].error > 1:
-            return f"{label} has {text.number(self.checked[0].error)} of the requested error"
-        return f"{label} takes {self.ratio:.2f} times as long as {self.best}" if self.ratio > MOST else ""
-
-    @property
-    def row(self) -> list[str]:
-        plan, hits = self.plan, sum(checked.is_hit for checked in self.checked)
-        first = self.checked[0] if self.checked else None
-        return [
-            plan.problem.name,
-            plan.metric,
-            f"{plan.accuracy:g}",
-            first.prediction.label if first else "-",
-            text.number(1e3 * self.seconds),
-            text.number(first.error, 2) if first else "-",
-            self.best,
-            text.number(1e3 * self.best_seconds),
-            text.ratio(self.ratio),
-            f"{hits} of {len(self.checked)}",
-            f"{plan.pilot_seconds:.2f}",
-        ]
-
-
-@dataclass(frozen=True)
 class Outcome:
-    """What the table and the summary say of a case: its name, its row, and what is wrong with the first choice."""
+    """A case of the table: its name, its row, and what is wrong with the first choice; empty if nothing is."""
 
     name: str
     row: list[str]
@@ -145,9 +85,30 @@ class Outcome:
             raise ValueError(f"row must have {len(HEADER)} cells")
 
     @classmethod
-    def of(cls, case: Case) -> Outcome:
-        is_good = bool(case.checked) and case.ratio <= MOST
-        return cls(case.name, case.row, is_good, bool(case.checked) and case.checked[0].error <= 1, case.miss)
+    def of(cls, plan: Plan, followed: Sequence[Checked], seconds: float, best: str, best_seconds: float) -> Outcome:
+        """Judge the first choice of a plan, which took these seconds, beside the best method of the sweep."""
+        first, ratio = followed[0] if followed else None, seconds / best_seconds
+        if first is None:
+            miss = f"no method is predicted to reach the accuracy, but {best} does"
+        elif first.error > 1:
+            miss = f"{plan.best.label} has {text.number(first.error)} of the requested error"
+        else:
+            miss = f"{plan.best.label} takes {ratio:.2f} times as long as {best}" if ratio > MOST else ""
+        row = [
+            plan.problem.name,
+            plan.metric,
+            f"{plan.accuracy:g}",
+            first.prediction.label if first else "-",
+            text.number(1e3 * seconds),
+            text.number(first.error, 2) if first else "-",
+            best,
+            text.number(1e3 * best_seconds),
+            text.ratio(ratio),
+            f"{sum(each.is_hit for each in followed)} of {len(followed)}",
+            f"{plan.pilot_seconds:.2f}",
+        ]
+        name = f"{plan.problem.name}, {plan.metric} {plan.accuracy:g}"
+        return cls(name, row, ratio <= MOST, first is not None and first.error <= 1, miss)
 
 
 def benchmark(
@@ -161,7 +122,7 @@ def benchmark(
     names = choose(only, list(PROBLEM_SET), "--problem")
     write(f"Machine: {in_words()}")
     write(how_measured(repeats) + "\n")
-    write(render([Outcome.of(case) for name in names for case in cases_of(name, repeats, longest)]))
+    write(render([outcome for name in names for outcome in outcomes_of(name, repeats, longest)]))
 
 
 def how_measured(repeats: int) -> str:
@@ -184,7 +145,7 @@ def render(outcomes: Sequence[Outcome]) -> str:
     return "\n\n".join([text.table(HEADER, [outcome.row for outcome in outcomes]), "\n".join(lines)])
 
 
-def cases_of(name: str, repeats: int, longest: float, swept: WorkPrecisionSet | None = None) -> list[Case]:
+def outcomes_of(name: str, repeats: int, longest: float, swept: WorkPrecisionSet | None = None) -> list[Outcome]:
     """A plan for each metric and accuracy that a method of the sweep reaches; the sweep is measured if not given."""
     problem = dataclasses.replace(PROBLEM_SET[name].build(), name=name)
     chosen = dataclasses.replace(PROBLEM_SET[name], build=lambda: problem)  # its reference is found only once
@@ -260,18 +221,18 @@ def _with_step(problem: Problem, method: Method, h: float, storage: Storage | No
 
 
 def compare(
-    plan: Plan, checked: Sequence[Checked], contenders: Sequence[tuple[str, Method, float]], repeats: int
-) -> Case:
+    plan: Plan, followed: Sequence[Checked], contenders: Sequence[tuple[str, Method, float]], repeats: int
+) -> Outcome:
     """Time the first choice and the contenders in turn."""
     problem = plan.problem
     storage = Storage.for_steps(problem, 2 * STATES)
     runs = {label: _with_step(problem, method, h, storage) for label, method, h in contenders}
-    if checked:
+    if followed:
         runs["first choice"] = repeatable(problem, plan.best, storage)
     seconds = medians(runs, repeats, problem.name)
     first = seconds.pop("first choice", float("inf"))
     best = min(seconds, key=lambda label: seconds[label])
-    return Case(plan, checked, first, best, seconds[best])
+    return Outcome.of(plan, followed, first, best, seconds[best])
 
 
 def follow(plan: Plan, judge: Judge) -> list[Checked]:

@@ -16,7 +16,7 @@ from eig3.stability import damping_ratio, limit, period_error, spectral_radius, 
 
 from .choices import ARTICLE_METHODS
 from .pictures import new_figure
-from .stability_sets import ARTICLE_DAMPED, EIG3_SETS, FAMILY_DAMPED, UNSTABLE_SETS, evaluations_per_step
+from .stability_sets import ARTICLE_DAMPED, EIG3_SETS, FAMILY_DAMPED, UNSTABLE_SETS
 from .styles import style_of
 
 if TYPE_CHECKING:
@@ -209,39 +209,13 @@ def _run(problem: Problem, h: float) -> tuple[np.ndarray, np.ndarray]:
     return h * np.arange(n_steps + 1), np.concatenate([[problem.u0], u])
 
 
-_DAMPED_STYLE = {
-    "EIG-3(1, 1/2)": ("eig3", "-"),
-    "EIG-3(1.2, 1/2)": ("eig3", "--"),
-    "CD implicit": ("cd", "-"),
-    "CD lagged": ("cd", "--"),
-    **{name: (name.lower(), "-") for name in ("RK2", "RK3", "RK4", "AB2", "AB3")},
+_ARTICLE_DAMPED_STYLE = {
+    "EIG-3(1, 1/2)": ("eig3", "--"),
+    "EIG-3(1.2, 1/2)": ("eig3", ":"),
+    "CD implicit": ("cd", "--"),
+    "CD lagged": ("cd", ":"),
+    **{name: (name.lower(), "--") for name in ("RK2", "RK3", "RK4", "AB2", "AB3")},
 }
-
-
-def damped_limits() -> Figure:
-    figure = new_figure(12, 5.8)
-    left, right = figure.subplots(1, 2)
-    dampings = np.concatenate([np.geomspace(1e-3, 0.2, 14), np.linspace(0.25, 2, 36)])  # corners near xi = 1
-    for case in ARTICLE_DAMPED:
-        name, line = _DAMPED_STYLE[case.label]
-        limits = np.array([limit(case.method, xi) for xi in dampings.tolist()])
-        cost = [
-            evaluations_per_step(case.method, xi, 0.95 * bound)
-            for xi, bound in zip(dampings.tolist(), limits.tolist(), strict=True)
-        ]
-        style = {"color": style_of(name).color, "linestyle": line, "linewidth": 1.8}
-        left.semilogx(dampings, limits, label=case.label, **style)
-        right.semilogx(dampings, limits / cost, label=f"{case.label} ({np.mean(cost):.2g})", **style)
-    left.set_ylabel(r"limit of $\Omega = \omega h$ (rad)")
-    right.set_ylabel(r"limit of $\Omega$ by evaluations per step (rad)")
-    for axes, title in ((left, "by step"), (right, "by evaluation (evaluations per step in brackets)")):
-        axes.set(xlim=(1e-3, 2), xlabel=r"physical damping ratio $\xi$ (-)")
-        axes.set_ylim(bottom=0)
-        axes.set_title(title, fontsize=11)
-        axes.grid(which="major", alpha=0.35)
-    figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    figure.suptitle("Stability limits under physical damping")
-    return figure
 
 
 def all_limits() -> Figure:
@@ -253,8 +227,8 @@ def all_limits() -> Figure:
         if case in FAMILY_DAMPED:
             style = {"color": style_of(case.method.name).color, "linewidth": 2.2}
         else:
-            name, line = _DAMPED_STYLE[case.label]
-            style = {"color": style_of(name).color, "linewidth": 1.2, "linestyle": {"-": "--", "--": ":"}[line]}
+            name, line = _ARTICLE_DAMPED_STYLE[case.label]
+            style = {"color": style_of(name).color, "linewidth": 1.2, "linestyle": line}
         limits = np.array([limit(case.method, xi) for xi in dampings.tolist()])
         panels[0].loglog(dampings, limits, label=case.label, **style)
         if case.method.evaluations:
@@ -313,14 +287,6 @@ PICTURES: dict[str, tuple[Callable[[], Figure], str]] = {
         "Figure 9. The single degree of freedom of section 4.1 by EIG-3 with four steps around its limit. At h = 0.5 s "
         "both roots are -1, and a disturbance grows in proportion to time. This run has no disturbance, since every "
         "number in it is exact in binary.",
-    ),
-    "damped_limits": (
-        damped_limits,
-        "Not in the article: the limits under physical damping, by step and by evaluation of the right-hand side. CD "
-        "implicit keeps the limit 2 at every damping, but needs a solve in every step. Its evaluations are counted in "
-        "runs of 100 steps at 0.95 of the limit, with Newton's method by differences for one degree of freedom. With n "
-        "degrees of freedom the differences take n evaluations per iteration; without damping CD needs one evaluation "
-        "per step and no solve.",
     ),
     "all_limits": (
         all_limits,

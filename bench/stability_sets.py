@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from eig3 import problems
 from eig3.kernels.methods.eig import sigma
 from eig3.methods import AB2, AB3, BM6, EIG, EIG3, RK2, RK3, RK4, RK5, RK8, CentralDifference, Method
 from eig3.stability import alternating_limit, growth_in_words
@@ -122,12 +121,3 @@ def weakly_growing() -> dict[str, tuple[Method, str, Callable[[float], float]]]:
         f"EIG-{grade}": (EIG(grade), growth_in_words(EIG(grade, velocity="none")), partial(family_growth, grade))
         for grade in WEAK_GRADES
     }
-
-
-def evaluations_per_step(method: Method, xi: float, Omega: float) -> float:
-    """Evaluations of the right-hand side per step; measured in a run if an iteration decides."""
-    if method.evaluations is not None:
-        return method.evaluations
-    stepper = problems.single_dof(omega=1.0, xi=xi).stepper(h=Omega, method=method)
-    n_steps = stepper.advance(100)
-    return (stepper.n_rhs - 1) / n_steps

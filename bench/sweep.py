@@ -246,10 +246,7 @@ def measure(
             skipped.append(f"{rival.label} ({why})")
         else:
             found += sweep_tolerances(problem, chosen.targets, judge, key, rival, max(longest, _SLOW))
-    points = [point for point, _ in found]
-    timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
-    for i, seconds in interleave(timed, repeats, name, ENOUGH).items():
-        points[int(i)].seconds = seconds
+    points = timed_points(found, repeats, name, ENOUGH)
     return WorkPrecisionSet(
         name,
         chosen.title,
@@ -263,6 +260,14 @@ def measure(
         skipped,
         command,
     )
+
+
+def timed_points(found: Sequence[Repeatable], repeats: int, name: str, enough: float) -> list[Point]:
+    """The points, with the seconds of interleaved runs: each ends after `enough` seconds, as `interleave` says."""
+    timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
+    for i, seconds in interleave(timed, repeats, name, enough).items():
+        found[int(i)][0].seconds = seconds
+    return [point for point, _ in found]
 
 
 def records(problem: Problem, chosen: BenchmarkProblem, methods: Sequence[str]) -> Iterator[tuple[str, Method]]:

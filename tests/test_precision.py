@@ -435,16 +435,16 @@ def test_a_miss_says_what_is_wrong_with_the_first_choice():
     (prediction,) = chosen.predictions
 
     def case(error, seconds):
-        return plan.Case(chosen, [plan.Checked(prediction, error, 1.0)], seconds, "EIG-9", 1.0)
+        return plan.Outcome.of(chosen, [plan.Checked(prediction, error, 1.0)], seconds, "EIG-9", 1.0)
 
-    cases = [case(0.7, 1.2), case(1.4, 1.2), case(0.7, 2.0), plan.Case(chosen, [], float("inf"), "EIG-9", 1.0)]
+    cases = [case(0.7, 1.2), case(1.4, 1.2), case(0.7, 2.0), plan.Outcome.of(chosen, [], float("inf"), "EIG-9", 1.0)]
     assert [c.miss for c in cases] == [
         "",
         "RK4 has 1.40 of the requested error",
         "RK4 takes 2.00 times as long as EIG-9",
         "no method is predicted to reach the accuracy, but EIG-9 does",
     ]
-    text = plan.render([plan.Outcome.of(case) for case in cases])
+    text = plan.render(cases)
     assert "in 2 of 4 cases. It reaches the accuracy in 2." in text
     assert text.count("- single_dof, trajectory 0.01: ") == 3
     assert plan.Checked(prediction, 0.7, 1.1).is_hit

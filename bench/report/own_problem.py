@@ -19,8 +19,8 @@ from ..problem_set import about, describe
 from ..reference import Judge
 from ..rivals import RIVALS
 from ..rivals.rival import Rival
-from ..sweep import Point, Repeatable, WorkPrecisionSet, is_stable, sweep_tolerances, warm
-from ..timing import Storage, interleave, kernel_run
+from ..sweep import Point, Repeatable, WorkPrecisionSet, is_stable, sweep_tolerances, timed_points, warm
+from ..timing import Storage, kernel_run
 from .true_motion import Grid, find_truth
 
 _COMMAND = "eig3 bench report: --problem"
@@ -135,10 +135,7 @@ def measure(
         for key in (key for key in asked if key not in unsuitable):
             limits = asked[key], share / (2 * repeats)
             found += sweep_tolerances(judged, targets, judge, key, *limits, states=grid.rival_states)
-        points = [point for point, _ in found]
-        timed = {str(i): again for i, (point, again) in enumerate(found) if point.stable}
-        for i, seconds in interleave(timed, repeats, name, _ENOUGH).items():
-            points[int(i)].seconds = seconds
+        points = timed_points(found, repeats, name, _ENOUGH)
     words = describe(problem, about or problem.source)
     return WorkPrecisionSet(
         name, problem.name, words, "trajectory", targets, True, truth.source, truth.uncertainty, points, skipped

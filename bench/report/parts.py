@@ -178,8 +178,8 @@ def _ever_smaller(picture: Image.Image) -> Iterator[tuple[Image.Image, int]]:
 def _plan(name: str, settings: Settings) -> Part:
     def measured(record: Record) -> list[dict[str, Any]]:
         swept = next((result for result in record.results if result.name == name and "pointer" in result.modes), None)
-        cases = plan.cases_of(name, settings.repeats, settings.longest, swept and swept.in_mode("pointer"))
-        return [asdict(plan.Outcome.of(case)) for case in cases]
+        outcomes = plan.outcomes_of(name, settings.repeats, settings.longest, swept and swept.in_mode("pointer"))
+        return [asdict(outcome) for outcome in outcomes]
 
     options = f"--repeats {settings.repeats} --longest {settings.longest:g}"
     return Part(part_name("plan", name), f"eig3 bench plan {options} --problem {name}", measured)

@@ -41,17 +41,17 @@ def states(results: list[Any]) -> np.ndarray:
     return np.concatenate([result.y for result in results if len(result.t)], axis=1)
 
 
-def _impact(heyoka, event, u, v, problem, tolerance):
+def _impact(heyoka, event, u, problem, tolerance):
     restitution = problem.params[1]
 
     def bounce(solver, sign, *member):
         solver.state[(1, *member)] *= -restitution
         return True
 
-    return [event(u[0], callback=bounce, direction=heyoka.event_direction.negative)]
+    return [event(u, callback=bounce, direction=heyoka.event_direction.negative)]
 
 
-def _contact(heyoka, event, u, v, problem, tolerance):
+def _contact(heyoka, event, u, problem, tolerance):
     """Switch the force on where the impulse up to there is as small as the tolerance.
 
     The force has no Taylor series where the contact begins.
@@ -62,18 +62,18 @@ def _contact(heyoka, event, u, v, problem, tolerance):
         solver.pars[0] = float(sign < 0)
         return True
 
-    return [event(u[0] + touch, callback=switch)]
+    return [event(u + touch, callback=switch)]
 
 
 _EVENTS = {"bouncing_ball": _impact, "hertz_impact": _contact}
 
 
-def heyoka_events(event: Any, u: list[Any], v: list[Any], problem: Problem, tolerance: float) -> list[Any]:
-    """Return the terminal events of a problem for heyoka.
+def heyoka_events(event: Any, system: list[tuple], problem: Problem, tolerance: float) -> list[Any]:
+    """Return the terminal events of a problem for heyoka, which has this system.
 
     `event` is `heyoka.t_event`, or `heyoka.t_event_batch` for the members of a batch.
     """
     import heyoka
 
     make = _EVENTS.get(problem.name)
-    return make(heyoka, event, u, v, problem, tolerance) if make else []
+    return make(heyoka, event, system[0][0], problem, tolerance) if make else []

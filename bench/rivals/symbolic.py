@@ -25,10 +25,9 @@ def heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[]
     system, y0 = heyoka_form(problem)
 
     def at(tolerance: float) -> Callable[[], Answer]:
-        u, v = ([variable for variable, _ in half] for half in (system[: len(y0) // 2], system[len(y0) // 2 :]))
-        events = heyoka_events(package.t_event, u, v, problem, tolerance)
+        events = heyoka_events(package.t_event, system, problem, tolerance)
         # without compact mode a large system takes minutes to compile
-        solver = package.taylor_adaptive(system, y0, tol=tolerance, compact_mode=len(u) > 20, t_events=events)
+        solver = package.taylor_adaptive(system, y0, tol=tolerance, compact_mode=len(y0) > 40, t_events=events)
 
         def run() -> Answer:
             solver.time = times[0]
@@ -48,13 +47,17 @@ def heyoka(problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[]
 
 def heyoka_form(problem: Problem, real: Any = float) -> tuple[list[tuple], list]:
     """The first-order system in heyoka's symbols, and y0 = (u0, v0), with constants of the type `real`."""
+    start = [real(x) for x in (*np.ravel(problem.u0), *np.ravel(problem.v0))]
+    return heyoka_system(problem, [real(x) for x in np.ravel(problem.params)]), start
+
+
+def heyoka_system(problem: Problem, params: list[Any]) -> list[tuple]:
+    """The first-order system in heyoka's symbols, whose parameters are numbers or symbols."""
     import heyoka as package
 
-    start = [*np.ravel(problem.u0), *np.ravel(problem.v0)]
-    n = len(start) // 2
-    u, v = ([package.make_vars(f"{letter}{j}") for j in range(n)] for letter in "uv")
-    accelerations = EXPRESSIONS[problem.name](package, u, v, [real(x) for x in np.ravel(problem.params)])
-    return [*zip(u, v, strict=True), *zip(v, accelerations, strict=True)], [real(x) for x in start]
+    u, v = ([package.make_vars(f"{letter}{j}") for j in range(np.size(problem.u0))] for letter in "uv")
+    accelerations = EXPRESSIONS[problem.name](package, u, v, params)
+    return [*zip(u, v, strict=True), *zip(v, accelerations, strict=True)]
 
 
 def jax_with_doubles() -> Any:
@@ -72,6 +75,22 @@ def jax_symbols(t: Any) -> SimpleNamespace:
     return SimpleNamespace(time=t, sum=sum, **functions)
 
 
+def diffrax_run(method: str, slope: Callable, span: Any, y0: Any, p: Any, rtol: Any, atol: Any, **options: Any) -> Any:
+    """What diffrax finds with ``slope(t, y, p)``; without further options, the state at the end."""
+    import diffrax as package
+
+    return package.diffeqsolve(
+        package.ODETerm(slope),
+        getattr(package, method)(),
+        *span,
+        None,  # the first step is the controller's choice
+        y0,
+        p,
+        stepsize_controller=package.PIDController(rtol=rtol, atol=atol),
+        **options,
+    )
+
+
 def diffrax(method: str, problem: Problem, times: np.ndarray) -> Callable[[float], Callable[[], Answer]]:
     jax = jax_with_doubles()
     import diffrax as package
@@ -85,18 +104,8 @@ def diffrax(method: str, problem: Problem, times: np.ndarray) -> Callable[[float
 
     @jax.jit
     def solve(rtol: float, atol: float) -> tuple[Any, Any]:
-        found = package.diffeqsolve(
-            package.ODETerm(slope),
-            getattr(package, method)(),
-            times[0],
-            times[-1],
-            None,  # the first step is the controller's choice
-            y0,
-            saveat=package.SaveAt(ts=times),
-            stepsize_controller=package.PIDController(rtol=rtol, atol=atol),
-            max_steps=_ENDLESS,
-            throw=False,
-        )
+        options = {"saveat": package.SaveAt(ts=times), "max_steps": _ENDLESS, "throw": False}
+        found = diffrax_run(method, slope, (times[0], times[-1]), y0, None, rtol, atol, **options)
         return found.ys, found.result == package.RESULTS.successful
 
     def run(tolerance: float) -> Answer:
