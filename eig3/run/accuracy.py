@@ -37,6 +37,7 @@ MOST_RUNS = 12
 LEAST_GAIN = 0.7  # a refined run whose error is a larger fraction of the best error does not converge,
 MOST_STALLED = 2  # and after this number of such runs the search ends
 LARGEST_CHANGE = 1e-4  # least factor from one step, or tolerance, to the next
+_HALF = 0.5  # the time of a run is known to this factor
 _WITH_ERROR = 3.0  # times of the kernel for a run with a fixed step and its error, at most
 _SHORTEN = 0.25  # factor to a step that was unstable, or after which no digit was right at the end
 _RESOLVED = 100  # with fewer steps before the time from which no digit is right, the step is too long to show chaos
@@ -138,6 +139,11 @@ class Deadline:
     @property
     def has_passed(self) -> bool:
         return self.spent > self._seconds
+
+    def share(self, seconds: float) -> float:
+        """Return these seconds as a fraction of most of the time that is left."""
+        left = _HALF * (self._seconds - self.spent)
+        return seconds / left if left > 0 else math.inf
 
     def reason(self, seconds: float) -> str:
         """Return the reason why a run of this time cannot follow; an empty text if it can."""
@@ -355,7 +361,9 @@ class _Search:
         order = 1.0 if self.knob == "rtol" else max(1.0, solution.order or solution.method.order)
         factor = min(0.5, max(_SHORTEN if is_lost else LARGEST_CHANGE, (AIM / miss) ** (1 / order)))
         if self.knob == "h":
-            seconds = self._seconds(solution, seconds) / factor
+            seconds = self._seconds(solution, seconds)
+            factor = min(0.5, max(factor, self._deadline.share(seconds)))  # the shortest step that the time allows
+            seconds /= factor
         return max(least, value * factor) if self._may_run(seconds) else None
 
     def _seconds(self, solution: Solution, seconds: float) -> float:
