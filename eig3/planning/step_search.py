@@ -74,8 +74,9 @@ def guide(pilots: Pilots) -> Search | str:
         found = _double(search, seconds, surveys=is_survey)
         if is_survey:
             survey = search if _is_bounded(search) else None
-        if method == GUIDE:
+        if search.runs or not failure:
             failure = search.failure
+        if method == GUIDE:
             stable = [run.n_steps for run in search.runs if not math.isinf(run.error)]
             if not survey and stable and shortest < part * pilots.span / stable[0]:
                 return search.without_stable_run  # over the longer part
