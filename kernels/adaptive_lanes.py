@@ -331,7 +331,7 @@ def compile_event(function: Any, layout: Layout, is_checked: bool = False) -> La
 
 @dataclass(frozen=True)
 class Rows:
-    """The places of the rows in `Block.values`: the rows of the formulas, of a width, and the rows of the lanes."""
+    """The places of rows in `Block.values`: the rows `names` of the formulas, with `width` values, and of the lanes."""
 
     names: tuple[str, ...]
     width: int

@@ -294,7 +294,7 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Lanes:
-    """A function of the user, compiled for a block, which its `compiled` result keeps alive.
+    """A function of the user, compiled for a block. `compiled` keeps its machine code alive.
 
     `call` calls it from Python, without checks of the arguments. `obstacle` says why LLVM did not vectorise it, and
     what to do; it is empty if LLVM did.

@@ -270,10 +270,10 @@ def test_time_is_the_reason(monkeypatch):
     """The step for the accuracy is about 2e-5, and takes too long; there is time for a fourth of the first step."""
     seen = runs_of(monkeypatch)
     ticking(monkeypatch)
-    solution = run(accuracy=1e-9, method="eig3", max_seconds=150)
+    solution = run(accuracy=1e-9, method="eig3", max_seconds=300)
     assert len(seen) > 1
-    assert solution.h == pytest.approx(seen[-1], rel=1e-3)
-    assert "because the next run would exceed max_seconds = 150" in solution.message
+    assert solution.h < seen[0] / 2
+    assert "because the next run would exceed max_seconds = 300" in solution.message
 
 
 def test_an_unstable_run_says_why_no_shorter_step_is_tried(monkeypatch):

@@ -54,6 +54,14 @@ class Frames:
         x = mechanism.places(t, u)
         return cls(mechanism, film, t, u, v, wrapped(x, t, mechanism.box, mechanism.shear) if len(mechanism.box) else x)
 
+    @cached_property
+    def paths(self) -> list[np.ndarray]:
+        """The path of each point with a trail, shape (times, 2 or 3)."""
+        places, trails = self.mechanism.places, list(self.mechanism.trails)
+        if not trails or len(self.mechanism.box):
+            return []
+        return list(np.moveaxis(self.film.path(lambda t, u: places(t, u.reshape(len(t), -1))[:, trails]), 1, 0))
+
     @property
     def radii(self) -> np.ndarray:
         """The radius of each point; 0 for points that are dots, or not drawn."""

@@ -100,7 +100,7 @@ class Mechanism(Geometry):
     def __call__(self, figure: Any, film: Film, look: Look | None = None) -> Callable[[int], None]:
         look = look or Look()
         frames = Frames.of(self, film)
-        paths = self.paths(film)
+        paths = frames.paths
         low, high = frames.box(look.limits, self._drawn, paths)
         is_exact = not isinstance(look.limits, str)
         low, high = (low, high) if is_exact else _with_margin(low, high)
@@ -191,13 +191,6 @@ class Mechanism(Geometry):
             elif some.any():
                 dots = draw.line(linestyle="none", markersize=size, zorder=3, color=style[0], marker=style[1])
                 yield partial(_move_points, partial(draw.move, dots), x[:, some])
-
-    def paths(self, film: Film) -> list[np.ndarray]:
-        """Return the path of each point with a trail, shape (times, 2 or 3)."""
-        trails = list(self.trails)
-        if not trails or len(self.box):
-            return []
-        return list(np.moveaxis(film.path(lambda t, u: self.places(t, u.reshape(len(t), -1))[:, trails]), 1, 0))
 
     def in_box(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return two corners of the periodic box, which reaches from low to high along axes that are not periodic."""

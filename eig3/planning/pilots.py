@@ -36,7 +36,7 @@ _FOLLOWED = 2**22  # largest number of values in the states of a run whose energ
 _PIECES = 32  # pieces of a run, which is checked after each,
 _PIECE = 512  # with at least this number of steps: the call takes as long as some ten steps,
 _FIRST_PIECE = 8  # or first with this number, because each step of an unstable run may have many events,
-_SLOW_STEP = 1e-3  # or first a single step if it takes more than this time, s: in an unstable run, it may take longer
+_SLOW_STEP = 1e-3  # or first up to the first state if a step takes more than this time, s: later, it may take longer
 _SAME_SPEED = 1.6  # largest ratio of the speeds of two runs that may show the same motion
 _DIVERGED = 100.0  # a motion that is larger than the reference by this factor is unstable
 _AT_REST = 1e-150  # a motion below this has decayed
@@ -196,10 +196,13 @@ class Pilots:
         return FEWEST * 2 ** math.ceil(math.log2(max(1.0, np.abs(rates).max() / longest)))
 
     def predicted(self, method: Method, n_steps: float) -> float:
-        """The processor time of a run, s, predicted from the last run of the method or from a run of one step."""
+        """The processor time of a run, s, predicted from the last run of the method or from a few short steps."""
         if method not in self._paces:
             self._compile(method, "h", lambda: self._advance(method, 1e-9 * self.span, 1, 1))
             self._advance(method, 1e-9 * self.span, 1, 1)
+            count = min(_PIECE, int(_LONGEST_TIMED / self._paces[method]))
+            if count > 1:  # a call with one short step takes a hundred times as long as this step
+                self._advance(method, 1e-9 * self.span, count, count)
         return n_steps * self._paces[method]
 
     def refer_to(self, history: History) -> None:

@@ -333,7 +333,8 @@ class _Search:
             if self.knob == "h" and solution.status is Status.DIVERGED:
                 if self._may_run(seconds / _SHORTEN):
                     return value * _SHORTEN
-                solution.message += f" A shorter step was not tried, because {self.reason}."
+                if self._count < MOST_RUNS:
+                    solution.message += f" A shorter step was not tried, because {self.reason}."
             else:
                 self.reason = self._deadline.reason(0.0) or f"the next run had the status {solution.status.value}"
             return None

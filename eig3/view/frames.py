@@ -150,6 +150,6 @@ def _planes(mechanism: Mechanism, low: np.ndarray, high: np.ndarray, *, is_flat:
 def _trails(frames: Frames) -> Iterator[np.ndarray]:
     """Yield the path of each point with a trail, as rows of the time and the place."""
     film = frames.film
-    for path in frames.mechanism.paths(film):
+    for path in frames.paths:
         some = slice(None, None, 1 + len(path) // _TRAIL)
         yield np.column_stack([film.times[some], in_space(path[some])])

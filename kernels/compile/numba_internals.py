@@ -554,7 +554,10 @@ def parts_of(context: Any, builder: Any, kind: Any, array: Any) -> ArrayParts:
 
 
 def array_over(context: Any, builder: Any, kind: Any, data: Any, n: Any, stride: Any = None) -> Any:
-    """Return a 1-D array of n numbers, which are neighbours without a stride in bytes, without reference counting."""
+    """Return a 1-D array of n numbers over memory, without reference counting.
+
+    Without a stride in bytes, the numbers are neighbours.
+    """
     array = arrayobj.make_array(kind)(context, builder)
     itemsize = context.get_constant(numba.types.intp, kind.dtype.bitwidth // 8)
     strides = [itemsize if stride is None else stride]
@@ -814,8 +817,8 @@ class CompiledFunction(numba.types.Callable):
     A call of a `numba.types.FunctionType` also has code for a function without an address, which asks Python for one:
     kernels would take longer to compile, and a step of them longer to run.
 
-    A jitted function `call` is called instead, as ``call(..., function)``. Types with a `call` of one name are the
-    same.
+    If there is a jitted function `call`, it is called instead, as ``call(..., function)``. Types with a `call` of one
+    name are the same.
     """
 
     def __init__(self, signature: Any, call: Jitted | None = None) -> None:
