@@ -155,7 +155,8 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
             "eig3.math.interp."
         )
     note = functions["rhs"].obstacle and f"rhs is not vectorised: {functions['rhs'].obstacle}."
-    if left_out_of(rhs) is not None or mark(rhs, "is_linear") is not None:  # the code of a scene or a structure
+    is_generated = note and (left_out_of(rhs) is not None or mark(rhs, "is_linear") is not None)
+    if is_generated:  # the code of a scene or a structure
         note = note.replace("rhs", "The force of the problem", 1).replace("; ", "; in functions that you wrote, ")
     return Setup(method, layout, named, prepared, histories, single, **functions), note
 
