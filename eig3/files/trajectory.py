@@ -49,8 +49,8 @@ class Snapshot:
 class Trajectory:
     """The saved states of a run, for the writers of files, with all lengths times `scale`.
 
-    Iteration reads one row of the solution at a time, so that a run in files may be larger than memory. With `every`, it
-    takes every so many of the saved states. The points that represent vectors of rigid bodies are left out.
+    Iteration reads one row of the solution at a time, so that a run in files may be larger than memory. With `every`,
+    it takes every so many of the saved states. The points that represent vectors of rigid bodies are left out.
 
     `masses` and `radii` are known or None, and `links` and `cells` have the numbers of the points that are left.
     `solids` are the corners, shape (cells, corners), of the triangles of given shapes and of the boxes of other bodies.
