@@ -197,11 +197,11 @@ def test_what_a_short_part_does_not_show_is_taken_from_a_longer_one(is_known, mo
     if not is_known:
         monkeypatch.setattr(step_search.Search, "is_chaotic", False)
     plan = eig3.plan(problems.double_pendulum(t_end=1e4), 1e-6, methods=["rk8"])
-    assert (plan.window[1] - plan.window[0] < 100) != is_known  # if the runs over 625 s show chaos, they are the last
-    assert all(
-        "error grows too fast with time, as in chaos or after kinks of the force: over 625 time units" in p.note
-        for p in plan.predictions
-    )
+    assert (
+        plan.window[1] - plan.window[0] < 100
+    ) != is_known  # if runs over a longer part show chaos, they are the last
+    reason = r"error grows too fast with time, as in chaos or after kinks of the force: over (625|1e\+04) time units"
+    assert all(re.search(reason, p.note) for p in plan.predictions)
     regular = eig3.plan(problems.henon_heiles().with_(t_span=(0, 1e5)), 1e-6, methods=["rk8"])
     assert regular.window[1] - regular.window[0] < 1e4
     assert regular.predictions[0].reaches
