@@ -215,9 +215,9 @@ def test_kinks_outside_a_short_part_deny_its_promise():
     assert "error grows too fast with time, as in chaos or after kinks of the force" in promised
 
 
-def runs_of(pilots, method, *runs):
+def runs_of(system, method, *runs):
     """A search with runs, each with its steps, its error, and the fraction of the span up to which it is right."""
-    search = step_search.Search(pilots, method)
+    search = step_search.Search(system, method)
     for n_steps, error, right in runs:
         search.add(step_search.Run(n_steps, error, seen_error=error, right=right))
     return search
@@ -239,7 +239,7 @@ def test_in_chaos_a_shorter_step_hardly_extends_the_time_of_right_digits(runs, e
     assert search.is_chaotic == expected
 
 
-def test_a_large_chaotic_system_is_no_promise_of_a_short_part():
+def test_a_short_part_promises_nothing_for_a_large_chaotic_system():
     """The flag loses its last digit at 0.4 s of 4 s; a plan from 0.016 s promised 1e-5 for all of them."""
     plan = eig3.plan(problems.flag(), 1e-4, methods=["eig3"])
     (prediction,) = plan.predictions
@@ -250,7 +250,10 @@ def test_a_large_chaotic_system_is_no_promise_of_a_short_part():
 
 
 def test_a_run_whose_steps_become_slow_is_stopped(monkeypatch):
-    """Where grains penetrate each other, a step takes up to a hundred times as long: it is first one step."""
+    """Where grains penetrate each other, a step takes up to a hundred times as long.
+
+    The first piece of such a run is one step, so that the time is looked at early.
+    """
     monkeypatch.setattr(pilots, "_SLOW_STEP", 0.0)
     runs = pilots.Pilots(problems.single_dof(), "trajectory", 1e-4)
     runs.predicted(step_search.GUIDE, 1)

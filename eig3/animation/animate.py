@@ -39,8 +39,9 @@ def animate(
 ) -> Path:
     """Write an animation of a run, as `Problem.animate` describes it.
 
-    `look` has the limits, the camera and the color that the user chose; None for what is not chosen. The time is in
-    seconds, or without `has_seconds` has no unit. `t_end` is the end of the run, if `solution` is only its beginning.
+    `look` has the limits, the camera and the color that the user chose; None for what is not chosen. With
+    `has_seconds`, the time is in seconds; without it, it has no unit. `t_end` is the end of the run, if `solution` is
+    only its beginning.
     """
     path = Path(path)
     kind = kind_of(path)

@@ -154,11 +154,16 @@ def in_lanes(rhs: Any, callback: Callback, histories: Histories, single: Singles
             "loops over single values, without array expressions and functions of whole arrays; for a table, call "
             "eig3.math.interp."
         )
-    note = functions["rhs"].obstacle and f"rhs is not vectorised: {functions['rhs'].obstacle}."
-    is_generated = note and (left_out_of(rhs) is not None or mark(rhs, "is_linear") is not None)
-    if is_generated:  # the code of a scene or a structure
-        note = note.replace("rhs", "The force of the problem", 1).replace("; ", "; in functions that you wrote, ")
+    note = functions["rhs"].obstacle and _on_obstacle(rhs, functions["rhs"].obstacle)
     return Setup(method, layout, named, prepared, histories, single, **functions), note
+
+
+def _on_obstacle(rhs: Any, obstacle: str) -> str:
+    """Describe what keeps LLVM from vectorising a function, whose code may be from a scene or a structure."""
+    if left_out_of(rhs) is None and mark(rhs, "is_linear") is None:
+        return f"rhs is not vectorised: {obstacle}."
+    reason = obstacle.replace("; ", "; in functions that you wrote, ")
+    return f"The force of the problem is not vectorised: {reason}."
 
 
 def _compiled(

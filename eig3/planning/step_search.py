@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, Protocol
 
 from ..methods import EIG3, RK8, Method
+from ..run.accuracy import RESOLVED
 from .pilots import CONVERGING, FEWEST, History, Pilots, Run
 
 NO_TIME = "no time was left to try it"
@@ -27,8 +28,9 @@ _TRIALS = (
     (1 / 4096, GUIDE, 0.5),
 )
 _SHORTEST_PART = 1 / 16  # from a shorter part, errors are only extrapolated if their growth is known
-_GUIDE_WORK = 2**26  # the work that is always allowed for one trial, in runs that are expected to take less time than
-_SMALL_SECONDS = 1.0, 0.5  # this, s, or than this if the error of the last run gives no hope
+_GUIDE_WORK = 2**26  # the work that is always allowed for one trial,
+_SHORT = 1.0  # if the next run is expected to take less time than this, s
+_SHORTER = 0.5  # and less than this if the error of the last run gives no hope
 _SLOWER = 2.0  # a run that takes longer by this factor than was expected is stopped
 _SURVEY_SECONDS = 5.0  # longest processor time of a run that surveys the whole span,
 _UNSTABLE_SECONDS = 1.0  # and of the unstable runs before it
@@ -45,7 +47,6 @@ _ROUND_OFF = 1e-6  # an error below this is round-off if it decreases with a pow
 _SURELY_ROUND_OFF = 1e-11  # kinks of the force can let a larger error seem to be round-off
 _FAR = 100.0  # an error of this multiple of the aim is far from it
 _STALLED = 0.5  # below this
-_RESOLVED = 100  # with fewer steps before the time from which no digit is right, the step is too long to show chaos
 _FASTER = 10.0  # an error that is larger by this factor grows faster than with the square of time
 _LEAST = 5e-14  # runs agree better than this only by chance
 
@@ -109,7 +110,7 @@ def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
         surveys and not coarse and unstable + next_unstable < min(_UNSTABLE_SECONDS, pilots.left)
     ):
         before = pilots.left
-        expected = _SLOWER * max(_SMALL_SECONDS[1], pilots.predicted(method, n_steps))
+        expected = _SLOWER * max(_SHORTER, pilots.predicted(method, n_steps))
         fine = pilots.history(method, n_steps, _SURVEY_SECONDS if surveys else expected)
         work += pilots.work(method, n_steps)
         if fine is None:
@@ -200,9 +201,9 @@ def _may_run(search: Search, n_steps: int, until: float, work: float) -> bool:
     # A larger error is caused by instability, and two errors show whether the motion is chaotic.
     is_hopeful = error <= CONVERGING or error > _LARGEST or sum(run.seen_error <= _LARGEST for run in search.runs) < 2
     is_small = work + pilots.work(method, n_steps * following) < _GUIDE_WORK
-    # Over a part of the span, as many steps would be needed as the fewest over the whole span.
+    # A run over a part of the span takes at least as many steps.
     has_fewest = pilots.part == 1 and n_steps <= 2 * FEWEST and seconds < pilots.left / 3
-    is_small &= seconds < _SMALL_SECONDS[0 if is_hopeful else 1] or has_fewest
+    is_small &= seconds < (_SHORT if is_hopeful else _SHORTER) or has_fewest
     return seconds < pilots.left and (is_small or (in_time and is_hopeful))
 
 
@@ -406,9 +407,7 @@ class Search(Timed):
         h^(-1/2), also if kinks of the force reduce the order to 1.
         """
         last = self.runs[-2:]
-        is_resolved = all(
-            run.seen_error <= _LARGEST and _RESOLVED <= run.right * run.n_steps < math.inf for run in last
-        )
+        is_resolved = all(run.seen_error <= _LARGEST and RESOLVED <= run.right * run.n_steps < math.inf for run in last)
         if len(last) < 2 or not is_resolved or not self.is_settled:
             return False
         coarse, fine = last

@@ -37,10 +37,9 @@ MOST_RUNS = 12
 LEAST_GAIN = 0.7  # a refined run whose error is a larger fraction of the best error does not converge,
 MOST_STALLED = 2  # and after this number of such runs the search ends
 LARGEST_CHANGE = 1e-4  # least factor from one step, or tolerance, to the next
-_HALF = 0.5  # the time of a run is known to this factor
 _WITH_ERROR = 3.0  # times of the kernel for a run with a fixed step and its error, at most
 _SHORTEN = 0.25  # factor to a step that was unstable, or after which no digit was right at the end
-_RESOLVED = 100  # with fewer steps before the time from which no digit is right, the step is too long to show chaos
+RESOLVED = 100  # with fewer steps before the time from which no digit is right, the step is too long to show chaos
 _INTERRUPTED = "The run reached the end of its span, but was interrupted before its error was known."
 WITH_TOLERANCES = RK5, RK8, RKN12  # other methods take a fixed step
 
@@ -141,8 +140,8 @@ class Deadline:
         return self.spent > self._seconds
 
     def share(self, seconds: float) -> float:
-        """Return these seconds as a fraction of most of the time that is left."""
-        left = _HALF * (self._seconds - self.spent)
+        """Return these seconds as a fraction of half the time that is left: a run may take twice what is expected."""
+        left = (self._seconds - self.spent) / 2
         return seconds / left if left > 0 else math.inf
 
     def reason(self, seconds: float) -> str:
@@ -380,7 +379,7 @@ class _Search:
         """
         assert solution.reliable_until is not None
         before, right = self._right, float(solution.reliable_until - solution.t[0])
-        self._right = (value, right) if right >= _RESOLVED * value else None
+        self._right = (value, right) if right >= RESOLVED * value else None
         if not before or not self._right:
             return self._stalled
         if right <= before[1]:  # while the step is too long, or a little by round-off after a sign of chaos
