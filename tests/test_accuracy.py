@@ -12,6 +12,7 @@ from eig3 import Status, problems
 from eig3.cli import main
 from eig3.ensembles.checked import errors_of_members
 from eig3.ensembles.in_process import Run as InProcess
+from eig3.functions.companions import remembered
 from eig3.run import accuracy as module
 from eig3.run import chunks, short
 
@@ -39,7 +40,7 @@ def runs_of(monkeypatch):
     monkeypatch.setattr(
         module._Search, "after", lambda self, solution, value: seen.append(value) or after(self, solution, value)
     )
-    module._learned.clear()
+    remembered(spring, "accuracies").clear()
     return seen
 
 
@@ -120,7 +121,7 @@ def test_a_call_evaluates_rhs_at_most_three_times_as_often_as_its_run(monkeypatc
 
     monkeypatch.setattr(chunks, "solution_of", counted)
     monkeypatch.setattr(short, "solution_of", counted)
-    module._learned.clear()
+    remembered(cubic, "accuracies").clear()
     for _ in range(3):  # the second call may begin with a larger tolerance
         counts.clear()
         solution = eig3.integrate(cubic, (0, 100), 1.0, 0.5, params=HARDENING, accuracy=1e-6, method="rk8")
@@ -395,11 +396,11 @@ def test_an_output_that_is_nan_at_the_start_is_compared_elsewhere():
 def test_a_cancelled_search_is_interrupted_and_learns_nothing(options, monkeypatch):
     cancel, error = Event(), chunks.Run.error
     monkeypatch.setattr(chunks.Run, "error", lambda *given: cancel.set() or error(*given))
-    module._learned.clear()
+    remembered(spring, "accuracies").clear()
     solution = run(accuracy=1e-6, cancel=cancel, **options)
     assert (solution.status, solution.error) == (Status.INTERRUPTED, None)
     assert "interrupted before its error was known" in solution.message
-    assert not module.learned(spring)
+    assert not remembered(spring, "accuracies")
 
 
 def test_a_cancelled_ensemble_is_interrupted_and_learns_nothing(monkeypatch):
@@ -407,11 +408,11 @@ def test_a_cancelled_ensemble_is_interrupted_and_learns_nothing(monkeypatch):
     monkeypatch.setattr(
         "eig3.ensembles.ensemble.errors_of_members", lambda *given: cancel.set() or errors_of_members(*given)
     )
-    module._learned.clear()
+    remembered(spring, "accuracies").clear()
     solution = ensemble(accuracy=1e-6, cancel=cancel)
     assert (solution.status == Status.INTERRUPTED).all()
     assert "interrupted before this member had reached the accuracy" in solution.message[0]
-    assert not module.learned(spring)
+    assert not remembered(spring, "accuracies")
 
 
 def test_members_that_miss_the_accuracy_say_why():
@@ -464,7 +465,7 @@ def test_time_is_the_reason_in_an_ensemble(monkeypatch, most, runs):
 
     monkeypatch.setattr(module, "perf_counter", lambda: clock[0])
     monkeypatch.setattr("eig3.ensembles.ensemble.errors_of_members", errors)
-    module._learned.clear()
+    remembered(cubic, "accuracies").clear()
     solution = ensemble(cubic, params=HARDENING, t_end=2000, accuracy=1e-7, max_seconds=most)
     assert len(clock) == 3 - runs
     assert (solution.status == Status.ACCURACY_NOT_REACHED).any()

@@ -1,5 +1,6 @@
 """Values from outside that Numba compiles into a function: the next run has those that hold when it begins."""
 
+import gc
 import time
 import types
 import weakref
@@ -9,7 +10,9 @@ import numpy as np
 import pytest
 
 import eig3
+from eig3.functions.inlining import inlined
 from eig3.kernels.compile.numba_internals import compile_results
+from eig3.kernels.protocol import SCALAR
 
 from .conftest import python
 
@@ -129,6 +132,13 @@ def test_a_run_keeps_no_variable_that_it_does_not_use(names):
     freed = weakref.ref(names["solution"])
     omega(names)
     del names["solution"]
+    assert freed() is None
+
+
+def test_a_function_is_freed_with_the_kernels_that_inline_it(names):
+    inlined(lambda rhs, jacobian, quantities: rhs, ("kernel",), SCALAR, names["rhs"])
+    freed = weakref.ref(names.pop("rhs"))
+    gc.collect()
     assert freed() is None
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..functions.checks import check_method, shown
-from ..functions.companions import history_of
+from ..functions.companions import history_of, remembered
 from ..result.solution import Status
 from ..run.accuracy import (
     AIM,
@@ -23,7 +23,6 @@ from ..run.accuracy import (
     Known,
     check_accuracy_names,
     first_rtol,
-    learned,
     why,
 )
 from ..stepping.march import Cancel
@@ -63,7 +62,7 @@ def reach_members(
         if name in goal.wanted:
             raise ValueError(f"accuracy of {name!r} in an ensemble needs t_eval, or save_every=None.")
     assert options.tolerances
-    known, key = learned(rhs), ("ensemble", options.method, *sorted(goal.wanted.items()), goal.scale)
+    known, key = remembered(rhs, "accuracies"), ("ensemble", options.method, *sorted(goal.wanted.items()), goal.scale)
     rtol, deadline = known[key].value if key in known else first_rtol(goal), Deadline(goal, cancel)
     best: tuple[tuple[int, float], EnsembleSolution, np.ndarray] | None = None
     stalled, reason = 0, f"{MOST_RUNS} runs were not enough"

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
-from weakref import WeakKeyDictionary
 
 from ..functions.callbacks import Callback, with_present_globals
-from ..functions.companions import constraints_of, mark
+from ..functions.companions import constraints_of, mark, remembered
 from ..functions.layout import bound_layout
 from ..functions.quantities import Quantity
 from ..functions.records import left_out_of
@@ -55,9 +54,6 @@ _SPARSE = (
     "params have a sparse matrix and differ between members; lanes read a sparse matrix only from params that all "
     "members share; if they are the same, give only the parameters that change, by name."
 )
-
-# The references are weak, so that a program that makes many functions does not keep all of them in memory.
-_known: WeakKeyDictionary[Any, dict[tuple, tuple[Any, Lanes]]] = WeakKeyDictionary()
 
 
 class Pace:
@@ -286,7 +282,7 @@ def _lanes_of(
 
     By default, `of` is the plain Python function of a checked function.
     """
-    known, key = _known.setdefault(function, {}), (compile_it, layout, how, of if callable(of) else None)
+    known, key = remembered(function, "lanes"), (compile_it, layout, how, of if callable(of) else None)
     if key not in known or known[key][0] is not callback.compiled:  # the user may have recompiled the function
         own = getattr(getattr(function, "py_func", None), "in_lanes", None)  # the reactions of a scene
         python = of or (own.py_func if own else callback.function)

@@ -1,4 +1,4 @@
-"""Companions of a right-hand side: the functions of its history and of its constraints."""
+"""What belongs to a function: the history and the constraints of a right-hand side, and what runs remember of it."""
 
 from __future__ import annotations
 
@@ -90,6 +90,15 @@ class Angles(NamedTuple):
     degrees: np.ndarray
     names: tuple[str, ...]
     function: Any
+
+
+def remembered(function: Any, name: str) -> dict[Any, Any]:
+    """Return the dictionary in which runs remember something of a function, under a name.
+
+    The function holds it: both are freed together. An object that is no function gets a dictionary that is not kept.
+    """
+    own = getattr(function, "__dict__", None)
+    return own.setdefault(f"_eig3_{name}", {}) if isinstance(own, dict) else {}
 
 
 def mark(rhs: Any, name: str) -> Any:

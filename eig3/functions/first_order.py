@@ -20,6 +20,7 @@ from ..kernels.compile.source import define
 from ..kernels.protocol import SCALAR, VECTOR, Form
 from .callbacks import WITH_Z, jit, name_in_source, takes
 from .checks import check_names, reals, shown
+from .companions import remembered
 from .events import Event
 from .quantities import EnergyLessWork
 
@@ -123,7 +124,7 @@ class FirstOrder(NamedTuple):
         if not any(takes(function.py_func, 4 + has_z + n_after) for has_z in (0, 1)):
             return function  # a later check names the arguments that it must have
         reads_z = takes(function.py_func, 5 + n_after)
-        known = vars(function).setdefault("_eig3_bound", {})
+        known = remembered(function, "bound")
         key = self.size, n_after
         if key not in known:
             known[key] = self._bound(function, reads_z)

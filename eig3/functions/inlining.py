@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numba
 
 from ..kernels.compile.numba_internals import WITH_ROOTS, options_of
 from ..kernels.protocol import Form
 from .callbacks import check_callback, compile_for_own_arrays
+from .companions import remembered
 from .quantities import Quantity
-
-# The references are weak, to free the memory of functions that are no longer used.
-_inlined: WeakKeyDictionary[Any, dict[tuple, tuple[tuple, Callable]]] = WeakKeyDictionary()
-_present: WeakKeyDictionary[Any, dict[tuple[str, str], tuple[Any, Any]]] = WeakKeyDictionary()
 
 
 def inlined(
@@ -29,7 +25,7 @@ def inlined(
     asked = [(rhs, "rhs"), *([(jacobian, "jacobian")] if jacobian else [])]
     asked += [(quantity.function, quantity.kind) for quantity in quantities]
     functions = tuple(_as_compiled(function, kind, form) for function, kind in asked)
-    known = _inlined.setdefault(rhs, {})
+    known = remembered(rhs, "kernels")
     key = (*key, form.name, *(function for function, _ in asked[1:]))
     if key not in known or known[key][0] != functions:
         for function, (_, kind) in zip(functions, asked, strict=True):
@@ -48,7 +44,7 @@ def _as_compiled(function: Any, kind: str, form: Form) -> Any:
     of the function has another type.
     """
     compiled = check_callback(function, kind, form).compiled
-    known = _present.setdefault(function, {})
+    known = remembered(function, "inlined")
     before, present = known.get((kind, form.name), (compiled, function))
     if before is not compiled:
         present = numba.jit(**options_of(function), **WITH_ROOTS)(function.py_func)

@@ -21,6 +21,7 @@ import numpy as np
 from ..kernels.compile.numba_internals import Jitted, part_of_array
 from ..kernels.compile.source import define
 from .callbacks import PLACE_OF_P, attributes_of, jit, name_in_source, reads_attributes_only
+from .companions import remembered
 from .events import Event
 from .quantities import EnergyLessWork
 from .sparse import Sparse
@@ -178,7 +179,7 @@ class Layout:
             )
         if own:
             return self.bind(function.py_func.inner, place)
-        known = vars(function).setdefault("_eig3_in_layouts", {})
+        known = remembered(function, "in_layouts")
         if self not in known:
             known[self] = self._bound(function, place)
         return known[self]
@@ -190,7 +191,7 @@ class Layout:
         `own`, with a value for each member. The first array has all.
         """
         key = self, tuple(own), tuple(np.shape(values[name]) for name in own)
-        known = vars(function).setdefault("_eig3_in_lanes", {})
+        known = remembered(function, "in_lanes")
         if key not in known:
             read, first = self._read(function, PLACE_OF_P), 0
             lines = ["shared, own = {p}", *self._views("shared", read)]

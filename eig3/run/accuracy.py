@@ -6,13 +6,12 @@ import math
 from collections.abc import Callable, Mapping
 from time import perf_counter
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..diagnosis.coarseness import h_without_jumps
 from ..functions.checks import check_cancel, check_method, check_span, reals, shown
-from ..functions.companions import history_of
+from ..functions.companions import history_of, remembered
 from ..functions.layout import unknown_name
 from ..kernels.compile.interrupt import keeping
 from ..methods import RK5, RK8, RKN12
@@ -52,10 +51,6 @@ class Known(NamedTuple):
 
     value: float
     coarser: float | None
-
-
-#: What is known of a function, by the method and the accuracy.
-_learned: WeakKeyDictionary[Any, dict[Any, Known]] = WeakKeyDictionary()
 
 
 class Goal(NamedTuple):
@@ -226,7 +221,7 @@ def reach(
     deadline = Deadline(goal, of_call.get("cancel"))
     cancel = deadline.of_runs
     first = of_call | {"check": False, "raise_on_failure": False, "cancel": cancel}
-    known, search = learned(rhs), _Search(goal, knob, deadline)
+    known, search = remembered(rhs, "accuracies"), _Search(goal, knob, deadline)
     value, coarser = known.get(key) or (search.first(start[0]), search.coarser)
     value = min(value, longest) if knob == "h" else value
     while True:
@@ -284,11 +279,6 @@ def _to_remember(goal: Goal, solution: Solution, value: float) -> Known:
     if 0 < (miss := goal.miss(solution)) < _FAR_BELOW:
         value = min(_LARGEST_RTOL, min(_LARGER, AIM / miss) * value)
     return Known(value, RATIO)
-
-
-def learned(rhs: Any) -> dict[Any, Known]:
-    """Return what is known of the runs of a function to an accuracy."""
-    return _learned.setdefault(rhs, {})
 
 
 def first_rtol(goal: Goal) -> float:
