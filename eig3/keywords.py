@@ -148,7 +148,7 @@ def with_suggestions(*further: Callable, fields: Collection[str] = ()) -> Callab
             except TypeError as error:
                 known, found = _names(public, *further, without=fields), _UNKNOWN.search(str(error))
                 refused = [found[1]] if found else keywords.keys() - known if _MISSING.search(str(error)) else []
-                unknown = [name for name in keywords if name in refused]
+                unknown = [name for name in keywords if name in refused and name not in known]
                 by_position = _positional(public)
                 if not unknown and (by_position is None or len(args) <= len(by_position)):
                     raise

@@ -38,6 +38,7 @@ from .result.labels import Labels
 from .result.occurrences import labelled
 from .result.solution import Solution
 from .run.accuracy import check_goal, reach, refuse_without_accuracy
+from .run.integration import integrate
 from .run.loading import with_functions
 from .run.prepare import Prepared
 from .stepping.run_options import run_options
@@ -250,7 +251,7 @@ class Problem:
         params, u0, v0, t_span = (new.get(name, getattr(self, name)) for name in ("params", "u0", "v0", "t_span"))
         return again(params, u0, v0, t_span[0])
 
-    @with_suggestions(run_options, fields=_FIELDS)
+    @with_suggestions(integrate, fields=_FIELDS)
     def integrate(
         self, *, h: float | None = None, method: str | Method | None = None, t_end: float | None = None, **options: Any
     ) -> Solution:

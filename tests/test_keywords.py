@@ -39,6 +39,7 @@ ELSEWHERE = {
     "SciPy's step": (problems.kepler().integrate, "max_step", "h_max"),
     "SciPy's tolerance": (problems.kepler().prepare, "reltol", "rtol"),
     "an option of the problem": (problems.kepler().integrate, "t_ends", "t_end"),
+    "an accuracy of the problem": (problems.kepler().integrate, "acuracy", "accuracy"),
     "threads": (problems.kepler().ensemble, "n_threads", "threads"),
     "a near group": (Scene(2).add, "near", "others"),
     "a spin": (Scene(2).mass, "spin", "angular_velocity"),
@@ -137,6 +138,14 @@ def test_a_prepared_run_and_a_problem_answer_too():
         assert pickle.loads(pickle.dumps(build)) is build
         with pytest.raises(TypeError, match=rf"{name}\(\) has no argument 't_ends'; did you mean t_end\?"):
             build(t_ends=1.0)
+
+
+def test_an_error_within_the_call_is_not_about_its_keywords():
+    def reduce(part):
+        return (lambda each: each)(part, h=0.1)
+
+    with pytest.raises(TypeError, match=r"lambda.*got an unexpected keyword argument 'h'$"):
+        eig3.ensemble(spring, (0, 1), np.ones(2), 0.0, h=0.1, params=1.0, reduce=reduce)
 
 
 def test_too_many_arguments_by_position_are_refused_in_a_sentence():
