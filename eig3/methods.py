@@ -330,7 +330,7 @@ class CentralDifference(_MayIgnoreVelocity):
             return self.without_velocity()
         if not self._solver_is_open:
             return self
-        # A step by Newton's method with differences takes about 2 n + 3 evaluations. Fixed-point iteration takes one #
+        # A step by Newton's method with differences takes about 2 n + 3 evaluations. Fixed-point iteration takes one
         # evaluation per iteration, and stops paying at about twice this number.
         return dataclasses.replace(self, solver="fixed-point", max_iterations=min(self.max_iterations, 8 + 4 * n))
 

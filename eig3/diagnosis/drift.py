@@ -16,7 +16,7 @@ _SHOWN = 0.05  # and relative to the terms at the end: near an unstable position
 _STEPS = 10  # additional steps whose velocities count at the end
 _PAIRS, _FEWEST = 6, 4  # the largest and the least number of parts of a run in which an invariant must grow
 _NOTABLE = 1e-6  # least reported growth over the run, relative to the invariant
-# Least reported growth of an energy minus the work, relative to the larger of both. The errors of the work also #
+# Least reported growth of an energy minus the work, relative to the larger of both. The errors of the work also
 # accumulate in a stable run, to 2 % at resonance with EIG-3 and omega h = 0.2.
 _NOTABLE_BALANCE = 0.1
 # An invariant below the first part of its terms is a small difference, such as an energy that is 0 at the start; but a

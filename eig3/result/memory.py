@@ -158,7 +158,7 @@ def _group_memory() -> float:
         if controllers and "memory" not in controllers.split(","):
             continue
         root, names = (_CGROUPS / "memory", _VERSION_1) if controllers else (_CGROUPS, _VERSION_2)
-        # A container may see its group as the root, while the path is the path on the host. Each group is limited by #
+        # A container may see its group as the root, while the path is the path on the host. Each group is limited by
         # the groups that contain it.
         inner = root / path.lstrip("/")
         for group in (inner, *inner.parents):

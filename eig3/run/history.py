@@ -15,7 +15,7 @@ from ..result.memory import NOT_WORTH_A_LOOK, available_memory
 from ..stepping.march import Rows
 
 FIRST_ROWS = 64  # rows of the first block if the number of rows is not known; each further block doubles them
-# The largest size of a block. A smaller block could come from the heap of the C library, which does not return the #
+# The largest size of a block. A smaller block could come from the heap of the C library, which does not return the
 # memory of a freed block to the system.
 _BLOCK_BYTES = 2**27
 _NONE = np.empty(0)

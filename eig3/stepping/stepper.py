@@ -37,7 +37,7 @@ from .system import Kernel, System
 
 _SMALL = 1e100  # an acceleration with which no past value overflows
 _FLOAT64 = np.dtype(np.float64)
-# At the end of a slice, a kernel moves values between rows, which takes about as long as a step of a large system. #
+# At the end of a slice, a kernel moves values between rows, which takes about as long as a step of a large system.
 # After a multiple of the period in which the rows rotate, nothing must be moved.
 _LARGE = 1000  # least degrees of freedom for slices of such multiples
 
