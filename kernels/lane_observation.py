@@ -19,7 +19,7 @@ from .loops.extremes_within import follow_end
 from .loops.follow import functions, save
 from .loops.observe import OBSERVATION, OF_OBSERVING, Observation, Observed, next_due
 from .loops.pair import A_END, U_END, V_END, A, U, V
-from .loops.zeros import EPSILON, LAST, LATER, NEAR, SIDE, G, event_of
+from .loops.zeros import EPSILON, LAST, LATER, NEAR, SIDE, event_of
 from .protocol import (
     COLUMN,
     DUE,
@@ -44,6 +44,7 @@ from .protocol import (
     TERMINAL,
     WIDTH,
     Form,
+    G,
     Span,
     address_of,
     matrix_type,

@@ -24,27 +24,36 @@ from .compile.numba_internals import (
     row_over,
 )
 
-#: The first entries of a kernel's `counters`: two counts, and the residual and the degree of freedom of a failed solve.
-EVALUATIONS, ITERATIONS, RESIDUAL, DEGREE = range(4)
-
-#: Further entries, most of them for a run with events or tolerances: the time, the next step and the step before, the
-#: logarithm of the last error, the number of rejected steps, the largest |u| and |v| so far, the next of `Watch.times`,
-#: the number of occurrences in the log, the index of the step at which a multistep method started anew, the time
-#: between the last two resets, the event that ended the run, and 1 if a call ended within a fixed step because the log
-#: was full.
-TIME, STEP, STEP_BEFORE, ERROR, REJECTED, U_SIZE, V_SIZE = range(4, 11)
-NEXT, LOGGED, ANEW, GAP, ENDED_BY, WITHIN = range(11, 17)
-
-#: Further entries for a run with tolerances: 1 if the length of the span decided about a step before its last one; the
-#: longest step in which nothing acted, and the time of its end.
-BY_SPAN, SILENT_STEP, SILENT_END = range(17, 20)
-
-#: Further entries for a run with quantities: the number of the current part of the run, and the step index at its end;
-#: the step index at which the invariants are due next, and the largest distance between two such indices.
-PART, PART_END, DUE, SPACING = range(20, 24)
-
-#: A further entry for a run with wanted times: the row of the first of them. Runs in lanes share the rows.
-FIRST_ROW = 24
+#: The entries of a kernel's `counters`. All runs count evaluations and iterations of a solve.
+EVALUATIONS = 0
+ITERATIONS = 1
+RESIDUAL = 2  # of a failed solve
+DEGREE = 3  # the degree of freedom of this residual
+# Most of these are for runs with events or tolerances:
+TIME = 4
+STEP = 5  # the next one
+STEP_BEFORE = 6
+ERROR = 7  # the logarithm of the last error
+REJECTED = 8  # the number of rejected steps
+U_SIZE = 9  # the largest |u| so far
+V_SIZE = 10  # the largest |v| so far
+NEXT = 11  # the next of `Watch.times`
+LOGGED = 12  # the number of occurrences in the log
+ANEW = 13  # the index of the step at which a multistep method started anew
+GAP = 14  # the time between the last two resets
+ENDED_BY = 15  # the event that ended the run
+WITHIN = 16  # 1 if a call ended within a fixed step because the log was full
+# With tolerances:
+BY_SPAN = 17  # 1 if the length of the span decided about a step before its last one
+SILENT_STEP = 18  # the longest step in which nothing acted
+SILENT_END = 19  # the time of its end
+# With quantities:
+PART = 20  # the number of the current part of the run
+PART_END = 21  # the step index at its end
+DUE = 22  # the step index at which the invariants are due next
+SPACING = 23  # the largest distance between two such indices
+# With wanted times:
+FIRST_ROW = 24  # the row of the first of them; runs in lanes share the rows
 
 #: Four values follow for each event: the sign of g, where 0 means that it is looked at just after the start of the
 #: next step; the time of its last reset; the sign of g before this reset, if it left g at zero, or else 0; and g after
@@ -65,6 +74,17 @@ FOLLOWS, SEARCHES, SEARCHES_LANES = 1, 2, 3
 
 #: The solve of a step failed.
 FAILED = 20
+
+#: The columns of `Watch.events`, which has a row for each event.
+G = 0  # the address of g
+APPLY_ADDRESS = 1  # the address of apply, or 0
+DIRECTION = 2
+IS_TERMINAL = 3
+TOGETHER = 4  # the number of events from here on that are looked at together, or 1
+QUIET = 5  # the address of the function that looks at them: see `zeros.quiet_together`
+NUMBER = 6  # the number of the first of them in its family
+FOLLOWS_RESETS = 7  # 1 if a reset of another event causes this event too, as an impact may turn a link
+EVENT_COLUMNS = 8
 
 #: The columns of `Follow.table`.
 ADDRESS, WIDTH, COLUMN, OUT, ROWS, WORK = range(6)
@@ -129,10 +149,7 @@ class Span(NamedTuple):
 class Watch(NamedTuple):
     """What a run looks for within its steps: events, and times at which the state is written.
 
-    A row of `events` contains the address of g, the address of apply or 0, the direction, and 1 for a terminal event.
-    Then follow the number of events from here on that are looked at together, or 1; the address of the function that
-    does this, see `zeros.quiet_together`; the number of the first in its family; and 1 for an event that a reset of
-    another event causes too, such as the turn of a link at an impact.
+    For the columns of `events`, see `G`.
     A row of `log` is for an occurrence: the event, the time, and u and v before and after apply. `times` are the times
     at which to write u, v and the step. `work` has rows of n values, which callbacks may get, and `search` has four
     rows with a value for each event.

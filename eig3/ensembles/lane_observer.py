@@ -22,6 +22,7 @@ from ..kernels.loops.zeros import LAST, SIDE
 from ..kernels.protocol import (
     ADDRESS,
     COLUMN,
+    EVENT_COLUMNS,
     EVENT_VALUES,
     EVENTS,
     HIGH,
@@ -41,7 +42,9 @@ from .members import Members
 _GUARD_ROWS = 4  # of NaN on each side of the values of a quantity
 _NONE = np.empty((2, 0))
 _LOG_ROWS = 4096  # least number of occurrences in the log of a block
-_NO_WATCH = Watch(np.empty((0, 7), dtype=np.int64), _NONE, np.empty(0), np.empty(0), _NONE, _NONE, _NONE, _NONE)
+_NO_WATCH = Watch(
+    np.empty((0, EVENT_COLUMNS), dtype=np.int64), _NONE, np.empty(0), np.empty(0), _NONE, _NONE, _NONE, _NONE
+)
 
 
 class Values:

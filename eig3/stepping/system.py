@@ -13,7 +13,7 @@ from ..functions.events import Event
 from ..functions.layout import bound_layout
 from ..kernels.compile.jit import compiled
 from ..kernels.compile.numba_internals import address_of
-from ..kernels.protocol import EVENT_VALUES, EVENTS, FOLLOWS, SEARCHES, Form
+from ..kernels.protocol import EVENT_COLUMNS, EVENT_VALUES, EVENTS, FOLLOWS, SEARCHES, Form
 from ..methods import Method
 from .followed import Followed
 from .run_options import RunOptions
@@ -72,7 +72,7 @@ class System:
         The work that the threads of a run share.
     event_callbacks : list of (Callback, Callback or None)
         For each event, g and apply.
-    event_table : ndarray, shape (k, 8)
+    event_table : ndarray, shape (k, EVENT_COLUMNS)
         The table of events for a kernel; see `eig3.kernels.protocol.Watch`.
     history : list of Callback or None
         The functions of the history of the right-hand side, if it has one.
@@ -128,7 +128,7 @@ class System:
                 self.event_callbacks, self.events.values(), together, follows, strict=True
             )
         ]
-        self.event_table = np.array(table, dtype=np.int64).reshape(len(table), 8)
+        self.event_table = np.array(table, dtype=np.int64).reshape(len(table), EVENT_COLUMNS)
         self.history = history and [self._check(f, "invariant", form) for f in (history.begin, history.advance)]
         self.remembered = history.places if history else ()
         self.constrained_step = constraints and address_of(

@@ -14,23 +14,31 @@ from numba.types import Tuple, float64, int64, none
 
 from ..compile.jit import bound, element, linked, outlined
 from ..protocol import (
+    APPLY_ADDRESS,
+    DIRECTION,
     ENDED_BY,
     EVENT_VALUES,
     EVENTS,
     FIRST_ROW,
+    FOLLOWS_RESETS,
     GAP,
+    IS_TERMINAL,
     LOGGED,
     NEXT,
     NOT_A_NUMBER,
     NOT_FINITE,
+    NUMBER,
     PART,
     PARTS,
     PASSED,
+    QUIET,
     RESET,
     RESTING,
     TERMINAL,
+    TOGETHER,
     ZENO,
     Form,
+    G,
     look_at,
     matrix_type,
     row_type,
@@ -44,7 +52,6 @@ LATER = 4.0  # the step after a reset is at most this multiple of the time since
 
 EPSILON = 2.0**-52
 NEAR = 16  # spacings of t by which the computed time of an event, or t0 + n h, may be wrong
-G, _APPLY, _DIRECTION, _IS_TERMINAL, TOGETHER, QUIET, NUMBER, _FOLLOWS = range(8)  # the columns of `Watch.events`
 SIDE, LAST, _FREE, _LEVEL = range(EVENT_VALUES)  # the values of an event in the counters, from `EVENTS` on
 _DUE, _CROSSING, _END, _HERE = range(4)  # the rows of `Watch.search`
 _NEVER = math.inf  # stands for the fraction of the step at which g changes its sign, if it does not
@@ -112,12 +119,12 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
             counters[ENDED_BY] = k
             return (NOT_A_NUMBER, 0.0, t) if size < _OVERFLOWING else (PASSED, 1.0, t_end)
         crossing, side = _NEVER, counters[mine + SIDE]
-        if not _is_unwanted(watch.events[k, _DIRECTION], side):
+        if not _is_unwanted(watch.events[k, DIRECTION], side):
             crossing, side = CROSSING(place, counters, k, 1.0, g_end, t, h, n, coefficients, u, v, p, tolerance)
         if crossing < 0:
             counters[ENDED_BY] = k
             return RESTING, 0.0, t
-        is_unwanted = _is_unwanted(watch.events[k, _DIRECTION], side)
+        is_unwanted = _is_unwanted(watch.events[k, DIRECTION], side)
         search[_CROSSING, k], search[_DUE, k] = crossing, _NEVER if is_unwanted else crossing
         search[_END, k], counters[mine + SIDE] = g_end, side
         if side != 0:
@@ -126,7 +133,7 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
     if _earliest(search[_DUE], count) >= 0:  # where other events matter only if they are at the same time
         for k in range(count):
             side = counters[EVENTS + EVENT_VALUES * k + SIDE]
-            if _is_unwanted(watch.events[k, _DIRECTION], side) and search[_CROSSING, k] == _NEVER:
+            if _is_unwanted(watch.events[k, DIRECTION], side) and search[_CROSSING, k] == _NEVER:
                 search[_CROSSING, k], _ = CROSSING(
                     place, counters, k, 1.0, search[_END, k], t, h, n, coefficients, u, v, p, tolerance
                 )
@@ -150,7 +157,7 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
                 side, here = counters[EVENTS + EVENT_VALUES * other + SIDE], search[_HERE, other]
                 has_crossed = here * side < 0 and search[_CROSSING, other] > s + near
                 matters = _may_stop(watch, k) or _may_stop(watch, other)  # g changes its sign again after s
-                if has_crossed and matters and not _is_unwanted(watch.events[other, _DIRECTION], side):
+                if has_crossed and matters and not _is_unwanted(watch.events[other, DIRECTION], side):
                     crossing, _ = CROSSING(place, counters, other, s, here, t, h, n, coefficients, u, v, p, tolerance)
                     search[_CROSSING, other], is_first = crossing, False
                     if crossing > near:  # otherwise g was at its zero at the start
@@ -167,9 +174,9 @@ def look_within(place, counters, t0, t, h, t_end, n, coefficients, u_end, v_end,
         return outcome, 1.0, t_end
     if outcome == RESET:
         for k in range(count):
-            if watch.events[k, _FOLLOWS] != 0 and abs(search[_CROSSING, k] - s) > near:
+            if watch.events[k, FOLLOWS_RESETS] != 0 and abs(search[_CROSSING, k] - s) > near:
                 here, g = search[_HERE, k], EVENT(watch.events[k, G], stop, u, v, p)
-                if here * g < 0 and not _is_unwanted(watch.events[k, _DIRECTION], here):
+                if here * g < 0 and not _is_unwanted(watch.events[k, DIRECTION], here):
                     outcome = max(outcome, TAKE(place, counters, k, t0, stop, n, u, v, p))
     for k in range(count):
         is_crossing = abs(search[_CROSSING, k] - s) <= near
@@ -216,7 +223,7 @@ def _note_side(search, counters, k, is_crossing, g):
 @element
 def _may_stop(watch, k):
     """Return whether the step ends at an occurrence of the event k."""
-    return watch.events[k, _APPLY] != 0 or watch.events[k, _IS_TERMINAL] != 0
+    return watch.events[k, APPLY_ADDRESS] != 0 or watch.events[k, IS_TERMINAL] != 0
 
 
 @element
@@ -345,7 +352,7 @@ def take(place, counters, k, t0, t, n, u, v, p):
     The quantities are followed in the state before and in the state after the reset.
     """
     watch, part = look_at(place).watch, int64(counters[PART]) % PARTS
-    row, address = watch.log[int64(counters[LOGGED])], watch.events[k, _APPLY]
+    row, address = watch.log[int64(counters[LOGGED])], watch.events[k, APPLY_ADDRESS]
     mine = EVENTS + EVENT_VALUES * k
     counters[LOGGED] += 1
     row[0], row[1] = k, t
@@ -370,7 +377,7 @@ def take(place, counters, k, t0, t, n, u, v, p):
         outcome = max(outcome, RESET if counters[GAP] > _LEAST_GAP * max(abs(t), abs(t0)) else ZENO)
     for j in range(n):
         row[2 + 2 * n + j], row[2 + 3 * n + j] = u[j], v[j]
-    if watch.events[k, _IS_TERMINAL] != 0:
+    if watch.events[k, IS_TERMINAL] != 0:
         outcome = max(outcome, TERMINAL)
     if outcome >= TERMINAL:
         counters[ENDED_BY] = k
