@@ -41,8 +41,8 @@ from .protocol import (
     V_SIZE,
     Form,
     Span,
-    address_of,
     matrix_type,
+    pointer_to,
     vector_type,
 )
 
@@ -262,7 +262,7 @@ def begin_lane(lane, alone, span, of, y, block, trajectories, seen):
     counters[TIME], counters[STEP] = span.t0, min(block.h_first, longest)
     limits = longest, span.rtol, span.atol, span.is_relative, 0, 0, span.points, span.reach
     mine = Span(span.t0, span.t_end, own, 0, 0, 0, 0, *limits, counters, counters, one, one)
-    BEGIN(alone, address_of(mine), counters, ORDER, one)
+    BEGIN(alone, pointer_to(mine), counters, ORDER, one)
     of.time[lane], of.h[lane], of.before[lane], of.error[lane] = span.t0, counters[STEP], counters[STEP_BEFORE], 1.0
     of.u_size[lane], of.v_size[lane], of.rejected[lane] = counters[U_SIZE], counters[V_SIZE], 0.0
     of.longest[lane] = longest

@@ -46,8 +46,8 @@ from .protocol import (
     Form,
     G,
     Span,
-    address_of,
     matrix_type,
+    pointer_to,
     record_at,
     vector_type,
 )
@@ -215,8 +215,8 @@ def observe_lane(lane, alone, span, own, of, block, seen):
     parts = seen.observation
     within = parts.follow, parts.search, parts.write, parts.dense_evaluations
     parts = Observation(seen.looks[lane], parts.most_logged, parts.at_each, parts.observe, parts.dense, *within)
-    observed = Observed(alone, address_of(mine), parts, counters, one)
-    outcome, last_row, part, t_stop = OBSERVE_AT(parts.observe)(address_of(observed), taken, row, t, step, t_end)
+    observed = Observed(alone, pointer_to(mine), parts, counters, one)
+    outcome, last_row, part, t_stop = OBSERVE_AT(parts.observe)(pointer_to(observed), taken, row, t, step, t_end)
     if outcome != PASSED and outcome != RESET and outcome != TERMINAL:
         of.bad[lane] = BAD
         return int64(counters[EVALUATIONS])

@@ -421,8 +421,8 @@ def index(x):
 
 
 @intrinsic
-def address_of(typingctx, record):
-    """``address_of(record)`` returns the address of a copy of a record, which is valid until the kernel returns.
+def pointer_to(typingctx, record):
+    """``pointer_to(record)`` returns the address of a copy of a record, which is valid until the kernel returns.
 
     A function that is not inlined gets a record by its address: it would be passed as some hundred numbers otherwise.
     """

@@ -113,46 +113,37 @@ def _compiled(
     return compiled(keep_on_disk(kernel, name if label else ""), signature.args, what)
 
 
-def linked(template: Callable, names: dict[str, Any], signature: Any, label: str) -> Any:
+def called_by_symbol(template: Callable, names: dict[str, Any], signature: Any, label: str) -> Any:
     """Compile a function that many kernels call as `compile_kernel` does, and return an element that calls it.
 
     The code of the kernels contains only a symbol, which stands for its address: they compile in a part of the time.
     """
-    name = f"{template.__name__}_{label}"
-    made = _made(lambda: _compiled(template, names, signature, label), name)
-    made()  # a kernel that is loaded from the disk needs the symbol too
-    address, at = _address_of(made, name), function_at(signature)
-
-    def call(*arguments):  # type: ignore[no-untyped-def]
-        return at(address())(*arguments)
-
-    call.made = made  # type: ignore[attr-defined]
-    return element(call)
-
-
-def address_of_linked(function: Any) -> int:
-    """Return the address of the code that an element from `linked` calls."""
-    return address_of(function.py_func.made()[1])
+    function = _called_by_symbol(template, names, signature, label, f"{template.__name__}_{label}")
+    function.py_func.made()  # a kernel that is loaded from the disk needs the symbol too
+    return function
 
 
 def of_library(signature: Any) -> Callable:
-    """Decorate a function of a module that scenes call, for the types of a signature.
+    """Decorate a function of a module that scenes call by its symbol, for the types of a signature.
 
-    It is compiled when the first scene needs it. The scenes contain only a symbol: they compile in a part of the time,
-    and the function rounds in one way for all.
+    It is compiled when the first scene needs it, and rounds in one way for all.
     """
+    return lambda function: _called_by_symbol(function, {}, signature, function.__name__, function.__name__)
 
-    def decorate(function: Callable) -> Any:
-        name = function.__name__
-        made = _made(lambda: _compiled(function, {}, signature, name), name)
-        given = ", ".join(inspect.signature(function).parameters)
-        names = {"AT": function_at(signature), "ADDRESS": _address_of(made, name)}
-        caller = define(f"def {name}({given}):\n    return AT(ADDRESS())({given})\n", name, names)[name]
-        functools.update_wrapper(caller, function)
-        caller.made = made
-        return element(caller)
 
-    return decorate
+def _called_by_symbol(function: Callable, names: dict[str, Any], signature: Any, label: str, symbol: str) -> Any:
+    made = _made(lambda: _compiled(function, names, signature, label), symbol)
+    name, given = function.__name__, ", ".join(inspect.signature(function).parameters)
+    called = {"AT": function_at(signature), "ADDRESS": _address_of(made, symbol)}
+    caller = define(f"def {name}({given}):\n    return AT(ADDRESS())({given})\n", name, called)[name]
+    functools.update_wrapper(caller, function)
+    caller.made = made
+    return element(caller)
+
+
+def address_of_code(function: Any) -> int:
+    """Return the address of the code that an element from `called_by_symbol` calls."""
+    return address_of(function.py_func.made()[1])
 
 
 def _made(make: Callable, name: str) -> Callable:

@@ -13,7 +13,7 @@ from typing import Any
 
 from numba.types import UniTuple, float64, int64, none
 
-from ..compile.jit import element, linked
+from ..compile.jit import called_by_symbol, element
 from ..protocol import (
     BY_SPAN,
     EVALUATIONS,
@@ -168,6 +168,6 @@ def beginning(form: Form) -> tuple[Any, Any]:
     of_begin = none(int64, int64, vector_type, int64, matrix_type)
     of_sizes = UniTuple(float64, 3)(int64, vector_type, float64, matrix_type)
     return (
-        linked(begin, {"RHS": form.at("rhs")}, of_begin, form.name),
-        linked(sizes_at_rest, {}, of_sizes, form.name),
+        called_by_symbol(begin, {"RHS": form.at("rhs")}, of_begin, form.name),
+        called_by_symbol(sizes_at_rest, {}, of_sizes, form.name),
     )

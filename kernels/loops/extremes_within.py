@@ -14,7 +14,7 @@ from typing import Any
 
 from numba.types import float64, int64, none
 
-from ..compile.jit import bound, element, linked, outlined
+from ..compile.jit import bound, called_by_symbol, element, outlined
 from ..protocol import COLUMN, HIGH, LOW, OUT, WIDTH, Form, look_within_at, rows, vector_type
 from .dense import evaluate, write_up_to
 from .follow import functions, widen
@@ -193,4 +193,4 @@ def following_within(form: Form) -> Any:
     names: dict[str, Any] = {"EVALUATE_ONE": functions(form).evaluate_one}
     names["SAMPLE"] = outlined(bound(sample, names))
     names["REFINE"] = outlined(bound(refine, names))
-    return linked(follow_within, names, OF_FOLLOWING, form.name)
+    return called_by_symbol(follow_within, names, OF_FOLLOWING, form.name)

@@ -40,9 +40,9 @@ from ..protocol import (
     WITHIN,
     Form,
     Work,
-    address_of,
     copy_rows,
     matrix_type,
+    pointer_to,
     rows,
     stack_floats,
     stack_rows,
@@ -113,7 +113,7 @@ def searching(callbacks, f, c, y, n, scratch, counters, steps, look):
     """Take the steps, and search those in which something is found."""
     i, row, last, ended = steps.first, steps.row, steps.first + steps.count, GOING
     watch, follow, pair = look.watch, look.follow, rows(look.watch.work[WORK:], PAIR_ROWS)
-    place, of_steps = address_of(look), address_of(steps)
+    place, of_steps = pointer_to(look), pointer_to(steps)
     while i < last and ended == GOING:
         if 2 * int64(counters[LOGGED]) > len(watch.log):
             ended = FULL

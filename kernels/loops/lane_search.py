@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from numba.types import Array, float64, int64, none
 from numba.types import NamedTuple as Record
 
-from ..compile.jit import bound, element, linked
+from ..compile.jit import bound, called_by_symbol, element
 from ..protocol import (
     COLUMN,
     ENDED_BY,
@@ -37,8 +37,8 @@ from ..protocol import (
     WIDTH,
     Form,
     Look,
-    address_of,
     matrix_type,
+    pointer_to,
     record_at,
     row_type,
     rows,
@@ -155,7 +155,7 @@ def search_lanes(look, i, t, y, steps):
                 has_crossed[lane] = 1.0
     for lane in range(lanes):
         if has_crossed[lane] > 0 and watch.doing[lane] == SEARCHED:  # g may be NaN in the other lanes
-            outcome = SEARCH_LANE(address_of(look), address_of(watch.look), address_of(steps), lane, i, y[0], y[1])
+            outcome = SEARCH_LANE(pointer_to(look), pointer_to(watch.look), pointer_to(steps), lane, i, y[0], y[1])
             if outcome == RESET:
                 if RESTARTS > 0:
                     START_LANE(watch, lane, y, steps.h)
@@ -274,6 +274,6 @@ def searching_in_lanes(method: Formulas, order: int, form: Form) -> dict[str, An
     names |= {"RHS": form.at("rhs"), "EVALUATE": functions(form).evaluate}
     label = f"{names['PAIR_ROWS']}_{names['WORK']}_{form.name}"
     of_lane = int64(int64, int64, int64, int64, int64, row_type, row_type)
-    names["SEARCH_LANE"] = linked(search_lane, names, of_lane, label)
+    names["SEARCH_LANE"] = called_by_symbol(search_lane, names, of_lane, label)
     names["START_LANE"] = element(bound(start_lane, names))
     return names

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from numba.types import NamedTuple as Record
 from numba.types import Tuple, float64, int64, none
 
-from ..compile.jit import address_of_linked, bound, compile_kernel, element, function_at, linked
+from ..compile.jit import address_of_code, bound, called_by_symbol, compile_kernel, element, function_at
 from ..protocol import (
     DUE,
     EVALUATIONS,
@@ -245,7 +245,9 @@ def observation(pair: str, form: Form, n: int, parts: Collection[str]) -> tuple[
     }
     of_dense = {"RHS": form.at("rhs"), "DENSE": formulas.functions()["dense"], "ROWS": formulas.rows, "N": n}
     optional = {"quantities": following_within, "events": search_of_step, "times": writing_of_times}
-    follow, search, write = (address_of_linked(made(form)) if x in parts else 0 for x, made in optional.items())
-    observe_at = address_of_linked(linked(observe, names, OF_OBSERVING, form.name))
-    dense_at = address_of_linked(linked(dense_output, of_dense, OF_DENSE, f"{pair}_{form.name}_{n}")) if parts else 0
+    follow, search, write = (address_of_code(made(form)) if x in parts else 0 for x, made in optional.items())
+    observe_at = address_of_code(called_by_symbol(observe, names, OF_OBSERVING, form.name))
+    dense_at = (
+        address_of_code(called_by_symbol(dense_output, of_dense, OF_DENSE, f"{pair}_{form.name}_{n}")) if parts else 0
+    )
     return observe_at, dense_at, follow, search, write, formulas.dense_evaluations

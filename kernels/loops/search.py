@@ -13,7 +13,7 @@ from typing import Any
 
 from numba.types import float64, int64
 
-from ..compile.jit import bound, called, element, linked, outlined
+from ..compile.jit import bound, called, called_by_symbol, element, outlined
 from ..protocol import (
     ANEW,
     EVALUATIONS,
@@ -181,7 +181,7 @@ def _search(pair: str, form: Form) -> Any:
     """Return the search for a right-hand side at an address. The kernels of all methods of one pair share it."""
     arguments = int64, int64, vector_type, float64, float64, float64, int64, vector_type
     names = {**_names(variable_formulas(pair), form), "RHS": form.at("rhs")}
-    return linked(search, names, int64(*arguments), f"{pair}_{form.name}")
+    return called_by_symbol(search, names, int64(*arguments), f"{pair}_{form.name}")
 
 
 @functools.cache
@@ -189,7 +189,7 @@ def _go_on(form: Form) -> Any:
     seen = functions(form)
     names = {"RHS": form.at("rhs"), "EVALUATE": seen.evaluate, "ADVANCE_HISTORY": seen.advance, "PROJECT": seen.project}
     arguments = int64, int64, int64, vector_type, int64, int64, int64, row_type, row_type, row_type
-    return linked(go_on, names, int64(*arguments), form.name)
+    return called_by_symbol(go_on, names, int64(*arguments), form.name)
 
 
 def _names(pair: Any, form: Form) -> dict[str, Any]:

@@ -43,9 +43,9 @@ from ..protocol import (
     U_SIZE,
     V_SIZE,
     Form,
-    address_of,
     copy_rows,
     matrix_type,
+    pointer_to,
     rows,
     stack_rows,
     vector_type,
@@ -78,7 +78,7 @@ def variable(callbacks, state, observation, counters, span, look):
     """Take steps, and return their number, the next row to write, and how it ended."""
     n = N if N > 0 else state.shape[1]  # a constant: with n = 2, a step of RKN12 takes two thirds of the time
     f, p = RHS(callbacks), span.p
-    kept, of_span, address = rows(state, ROWS), address_of(span), ADDRESS(callbacks)
+    kept, of_span, address = rows(state, ROWS), pointer_to(span), ADDRESS(callbacks)
     if span.first == 0:
         RESTART(kept, n)
     if span.first == 0 or counters[STEP] == 0:
@@ -89,7 +89,7 @@ def variable(callbacks, state, observation, counters, span, look):
         copy_rows(y, kept, N)
     u, v = y[U], y[V]
     has_rows, is_observed = len(span.t_rows) > 0, observation.look != 0
-    observed = address_of(Observed(address, of_span, observation, counters, state))
+    observed = pointer_to(Observed(address, of_span, observation, counters, state))
     due = next_due(counters, observation.at_each)
     share = least_size(span.rtol)
     t, h, was_rejected = counters[TIME], counters[STEP], False

@@ -12,7 +12,7 @@ from typing import Any
 
 from numba.types import Tuple, float64, int64, none
 
-from ..compile.jit import bound, element, linked, outlined
+from ..compile.jit import bound, called_by_symbol, element, outlined
 from ..protocol import (
     APPLY_ADDRESS,
     DIRECTION,
@@ -429,13 +429,13 @@ def search_of_step(form: Form) -> Any:
     names["DEPARTURE"] = outlined(bound(departure, names))
     names["CROSSING"] = outlined(bound(crossing_within, names))
     names["TAKE"] = outlined(bound(take, names))
-    return linked(look_within, names, OF_SEARCH, form.name)
+    return called_by_symbol(look_within, names, OF_SEARCH, form.name)
 
 
 @functools.cache
 def writing_of_times(form: Form) -> Any:
     """Return the element `write_time`."""
-    return linked(write_time, {"EVALUATE": follow.functions(form).evaluate}, OF_TIMES, form.name)
+    return called_by_symbol(write_time, {"EVALUATE": follow.functions(form).evaluate}, OF_TIMES, form.name)
 
 
 def event_of(form: Form) -> Any:
