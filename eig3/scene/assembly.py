@@ -223,7 +223,7 @@ class Supports:
 
 @dataclass(frozen=True)
 class Assembly:
-    """The content of a scene's code: its masses, groups of effects, and motions of supports.
+    """The content of a scene's code: its masses, groups of effects on masses and on links, and motions of supports.
 
     `events` are the names of the events, in the order in which their effects were added, and `states` the names of the
     events with a state; `rates` are the numbers of states that have a rate, by name. The points of `meshes` are indices
@@ -232,7 +232,7 @@ class Assembly:
     """
 
     cloud: Cloud
-    bodies: list[Group]
+    on_masses: list[Group]
     links: list[Group]
     meshes: list[Placed]
     supports: Supports
@@ -286,7 +286,7 @@ class Assembly:
 
     @property
     def laws(self) -> list[Placed]:
-        of_groups = [law for group in self.bodies + self.links for law in group.laws]
+        of_groups = [law for group in self.on_masses + self.links for law in group.laws]
         return [*of_groups, *self.meshes, *self.pair_forces]
 
     @property
@@ -621,7 +621,7 @@ def note(assembly: Assembly) -> str:
     acting: Counter[str] = Counter()
     for law in assembly.motions:
         acting[law.effect.title] += len(law.columns["direction"])
-    for group in assembly.bodies + assembly.links:
+    for group in assembly.on_masses + assembly.links:
         for law in group.laws:
             acting[law.effect.title] += group.first.size
     acting += assembly.constraints.counts if assembly.constraints else Counter()

@@ -158,12 +158,12 @@ class _Functions(Text):
         self._coordinates = assembly.coordinates
         self._n_states = assembly.degrees
         self._work = self._n_states + assembly.n_rates  # the index of the degree of freedom whose velocity is the work
-        bodies = [MassesText(assembly, source, group) for group in assembly.bodies]
+        on_masses = [MassesText(assembly, source, group) for group in assembly.on_masses]
         links = [LinksText(assembly, source, group) for group in assembly.links]
-        self._bodies, self._links = _acting(bodies), _acting(links)
+        self._on_masses, self._links = _acting(on_masses), _acting(links)
         self._moving = {number for links in self._links for number in links.group.motions}  # the motions of supports
         self._meshes = [MeshText(assembly, source, mesh) for mesh in assembly.meshes]
-        self._with_states: list[Any] = [*bodies, *links, *self._meshes]  # the groups that can have states and events
+        self._with_states: list[Any] = [*on_masses, *links, *self._meshes]  # the groups that can have states and events
         self._supports = SupportsText(assembly, source) if assembly.supports.positions.size else None
         pair_forces = sorted(
             assembly.pair_forces, key=lambda pair_force: isinstance(pair_force.effect, FrictionalContact)
@@ -173,7 +173,7 @@ class _Functions(Text):
             for number, pair_force in enumerate(pair_forces)
         ]
         self._near, self.grains = near, [text for text in near if isinstance(text, GrainsText)]
-        self._blocks: list[BlockText] = [*self._bodies, *self._links, *self._meshes, *near]
+        self._blocks: list[BlockText] = [*self._on_masses, *self._links, *self._meshes, *near]
         self._bodies_text = BodiesText(assembly, source)
         self._constraints = ConstraintText(assembly, source, assembly.constraints) if assembly.constraints else None
         self._shares_cells = threads is not None and sum(mesh.size for mesh in self._meshes) >= _SHARED_CELLS
@@ -254,7 +254,7 @@ class _Functions(Text):
         """Write the function of the power of the effects without a potential and of the supports."""
         with self._function("power(t, u, v, p)", self._moving):
             self._line("total = 0.0")
-            for masses in self._bodies:
+            for masses in self._on_masses:
                 masses.power()
             for links in self._links:
                 links.power()
@@ -424,8 +424,8 @@ class _Functions(Text):
 
     def _by_extent(self) -> tuple[list[MassesText], list[BlockText]]:
         """Return the effects on all masses, and the effects on some masses, without forces between near points."""
-        on_all = [masses for masses in self._bodies if masses.size == self._n and len(masses.runs) == 1]
-        others = [masses for masses in self._bodies if masses not in on_all]
+        on_all = [masses for masses in self._on_masses if masses.size == self._n and len(masses.runs) == 1]
+        others = [masses for masses in self._on_masses if masses not in on_all]
         return on_all, [*others, *self._links, *self._meshes]
 
     def _event(self, group: Any, name: str) -> None:

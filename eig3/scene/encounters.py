@@ -144,7 +144,7 @@ class Encounters:
                 yield group, laws
 
     def _planes(self) -> Iterator[tuple[Group, Placed]]:
-        for group in self._assembly.bodies:
+        for group in self._assembly.on_masses:
             for law in group.laws:
                 if law.effect.picture == "plane" and "force" in law.effect.functions():
                     yield group, law
@@ -152,7 +152,7 @@ class Encounters:
     def _pulls(self, t: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The accelerations by the forces on single masses, without the forces of planes."""
         a, planes = np.zeros_like(x), [law for _, law in self._planes()]
-        for group in self._assembly.bodies:
+        for group in self._assembly.on_masses:
             for law in (law for law in group.laws if law not in planes):
                 for name in law.effect.functions().keys() & {"force", "acceleration"}:
                     for s, i in enumerate(group.first.tolist()):

@@ -54,7 +54,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Other:
+class ArrayOrState:
     """The place of an array in p, or of a state in u: the source for each member.
 
     `place` has the two ends of an array in p, or the places in p of the begins and of the ends of several arrays, and
@@ -81,7 +81,7 @@ class Symbols:
     ----------
     effect : Effect
     functions : dict of str to jitted function
-    columns : dict of str to Column or Other
+    columns : dict of str to Column or ArrayOrState
     members : int
         The number of motions in the law; 1 for other effects.
     names : dict of str to str
@@ -93,7 +93,7 @@ class Symbols:
 
     effect: Effect
     functions: dict[str, Any]
-    columns: dict[str, Column | Other]
+    columns: dict[str, Column | ArrayOrState]
     members: int
     names: dict[str, str]
     events: np.ndarray
@@ -139,7 +139,7 @@ class Source(Writer):
         The place of the team of threads that share the pair forces; None if `threads` is not given, or the scene is
         small.
     records : list of (tuple, tuple)
-        The `Other.place` of the times and the values of each motion with a record.
+        The `ArrayOrState.place` of the times and the values of each motion with a record.
     left_out : list of int
         The places in p of the components that are 0 in all members.
     cutoffs : list of (int, int, float)
@@ -208,9 +208,9 @@ class Source(Writer):
             begin, number = self._numbers(law.columns[STATE])
             array, first = ("v", self._first_rate) if has_rate else ("u", self._first_state)
             first, size = first + begin, effect.state_size
-            columns[STATE] = Other(lambda member: state(array, first, number(member), size), False)
+            columns[STATE] = ArrayOrState(lambda member: state(array, first, number(member), size), False)
             if has_rate:
-                columns[RATE] = Other(lambda member: state("a", first, number(member), size), False)
+                columns[RATE] = ArrayOrState(lambda member: state("a", first, number(member), size), False)
         members = len(law.columns["direction"]) if "direction" in law.columns else 1
         stem = words(effect.title).replace(" ", "_")
         names = {f"{function}()": self._name(f"{stem}_{function}") for function in functions}
@@ -220,15 +220,15 @@ class Source(Writer):
         events = law.columns.get(EVENT, np.empty(0, dtype=np.int64))
         return Symbols(effect, functions, columns, members, names, events)
 
-    def _array(self, values: np.ndarray | list[np.ndarray]) -> Other:
+    def _array(self, values: np.ndarray | list[np.ndarray]) -> ArrayOrState:
         if not isinstance(values, list):
             offset = self.add(values)
             place = offset, offset + values.size, False
-            return Other(lambda member: f"p[{offset}:{offset + values.size}]", True, place)
+            return ArrayOrState(lambda member: f"p[{offset}:{offset + values.size}]", True, place)
         first = np.array([self.add(array) for array in values])
         starts, ends = self.column(first), self.column(first + [array.size for array in values])
         place = starts.offset, ends.offset, True
-        return Other(lambda member: f"p[index({starts.of(member)}) : index({ends.of(member)})]", False, place)
+        return ArrayOrState(lambda member: f"p[index({starts.of(member)}) : index({ends.of(member)})]", False, place)
 
     def _numbers(self, numbers: np.ndarray) -> tuple[int, Callable[[str], str]]:
         """Return where numbers of members begin, and the source of a member's distance from there.
@@ -267,7 +267,7 @@ def tables(places: Sequence[tuple], rows: np.ndarray, layout: Any) -> list[Table
 
 
 def _slices(place: tuple[int, int, bool], p: np.ndarray) -> list[slice]:
-    """Return the arrays at an `Other.place`."""
+    """Return the arrays at an `ArrayOrState.place`."""
     begin, end, are_several = place
     if not are_several:
         return [slice(begin, end)]
