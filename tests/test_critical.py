@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 import eig3
 from eig3 import NoCriticalStepError, critical_step, problems
 from eig3.diagnosis.blas_threads import one_blas_thread
-from eig3.diagnosis.critical import _sees_rates, critical, longest_stable_step
-from eig3.diagnosis.linearisation import Linearised
+from eig3.diagnosis.critical import _sees_rates, longest_stable_step, of_linear
+from eig3.diagnosis.linearisation import Linearised, linearise
 from eig3.effects import (
     BoucWen,
     Coulomb,
@@ -477,6 +477,35 @@ def test_bm6_in_a_bar():
         critical_step(spinning, *START, TURNING, method="bm6")
 
 
+# Bodies --------------------------------------------------------------------------------------------------------------
+
+
+def held_body(size=1.0, spin=0.0):
+    """A body with the moments 0.3, 0.3 and 0.5, whose axis is held by springs at its ends, 0.5 from the centre."""
+    scene = Scene(dimension=3)
+    moments = size * size * np.array([0.3, 0.3, 0.5])
+    body = scene.body(20.0, moments, (0, 0, 0), angular_velocity=(1e-3, 0, spin))
+    for end, x, y in product((0.5, -0.5), (1, -1), (1, -1)):
+        foot = scene.fixed((size * x, size * y, size * end))
+        scene.add(LinearSpring(4.0, size * 2**0.5), body.point((0, 0, size * end)), foot)
+    return scene.problem((0, 60))
+
+
+def test_a_body_that_turns_between_springs():
+    """A tilt by x moves both ends by x / 2 against a stiffness of 8, and turns a unit vector against a reaction of 0.25
+    spin^2. Gyroscopic forces do not act on a motion that alternates from step to step.
+
+    The limit is accurate to 1e-6, and at 1.02 of it a tilt grows by the factor exp(acosh(2 1.02^2 - 1)) = 1.5 a step.
+    """
+    for spin in (0.0, 0.1, 0.5):
+        problem = held_body(spin=spin)
+        found = problem.critical_step()
+        assert found.limit == pytest.approx(2 / math.sqrt((4 + 0.25 * spin**2) / 0.3), rel=1e-5)
+    for part, is_stable in ((0.98, True), (1.02, False)):
+        run = problem.integrate(h=part * found.limit, save_every=None)
+        assert (run.success and run.drift["energy"] < 0.1) == is_stable
+
+
 # Where nothing oscillates --------------------------------------------------------------------------------------------
 
 spring_and_drag = eig3.jit(lambda t, u, v, p: -p[0] * u - p[1] * v)
@@ -615,14 +644,14 @@ def test_a_beam_in_metres_and_radians(mass, stiffness):
     highest = math.sqrt(np.linalg.eigvals(K).real.max())
     C = 2 * mass * highest * np.eye(len(K)) + 2 * stiffness / highest * K
     for method in (eig3.EIG3(), eig3.RK4(), LAGGED):
-        found = critical(lambda t, u, v: -K @ u - C @ v, 0.0, np.zeros(len(K)), np.zeros(len(K)), method)
+        found = of_linear(linearise(lambda t, u, v: -K @ u - C @ v, 0.0, np.zeros(len(K)), np.zeros(len(K))), method)
         assert found.limit == pytest.approx(limit(method, mass + stiffness) / highest, rel=5e-3)
 
 
 def test_the_reported_mode_is_the_one_that_limits():
     """Central difference is limited by the stiff mode, not by the fast decay of the other."""
     K, C = np.diag([1.0, 100.0]), np.array([[30.0, 0.1], [0.1, 0.0]])
-    found = critical(lambda t, u, v: -K @ u - C @ v, 0.0, np.zeros(2), np.zeros(2), eig3.CentralDifference())
+    found = of_linear(Linearised(K, C, 0), eig3.CentralDifference())
     assert found.limit == pytest.approx(0.2, rel=5e-3)
     assert found.omega_max == pytest.approx(10, rel=1e-3)
     assert found.xi < 1e-3
@@ -644,7 +673,7 @@ def test_evaluations_are_those_made(kind, n):
     # the search for the limit makes no further evaluations; large systems leave out the first two, which take long
     for method in (eig3.EIG3(), eig3.CentralDifference(), eig3.RK4())[0 if n <= 3 else 2 :]:
         calls.clear()
-        found = critical(acceleration, 0.0, np.ones(n), np.zeros(n), method)
+        found = of_linear(linearise(acceleration, 0.0, np.ones(n), np.zeros(n)), method)
         assert found.evaluations == len(calls)
         # A difference takes two. A small system needs a few to find an increment, one at that increment and one over a
         # longer one, in each direction of u and of v. A large one needs 60 for each of three Krylov spaces, twice for
@@ -981,7 +1010,7 @@ def test_matrices_are_computed_in_one_thread():
     seen = []
     with threadpoolctl.threadpool_limits(2, user_api="blas"):
         before = threads()
-        critical(lambda t, u, v: seen.append(threads()) or -u, 0.0, np.ones(2), np.zeros(2), eig3.EIG3())
+        of_linear(linearise(lambda t, u, v: seen.append(threads()) or -u, 0.0, np.ones(2), np.zeros(2)), eig3.EIG3())
         one_blas_thread.__enter__()
         one_blas_thread.__enter__()  # in another thread
         one_blas_thread.__exit__()

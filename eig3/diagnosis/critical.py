@@ -31,7 +31,7 @@ from ..stability import (
 from ..stability import limit as limit_of
 from ..stepping.stepper import Stepper
 from .blas_threads import one_blas_thread
-from .linearisation import Linearised, linearise
+from .linearisation import Linearised, linearise_at
 
 _COMMUTING = 1e-5  # K and C share modes if a common eigenvector leaves a residual below this, relative to their norms
 _COMPLEX = 1e-2  # slow modes of a projected system can have such imaginary parts, relative to its norm
@@ -159,12 +159,7 @@ def critical_step(
     if constraints_of(rhs):
         method.with_constraints()  # refuses a method without a step for them
     start = Stepper(rhs, u0, v0, h=1.0, t0=t, params=params, method="rk4")  # checks the arguments
-    return critical(start.evaluator(), t, start.u, start.v, method, float(safety))
-
-
-def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, safety: float = 1.0) -> CriticalStep:
-    """Return the critical step for a function ``acceleration(t, u, v)`` that is finite at the state."""
-    return of_linear(linearise(acceleration, t, u, v), method, safety)
+    return of_linear(linearise_at(start, method), method, float(safety))
 
 
 def with_encounters(find: Callable[[], CriticalStep], encounter: Callable[[], CriticalStep]) -> CriticalStep:
