@@ -520,6 +520,21 @@ def test_a_free_particle_has_every_step(method, drag):
         critical_step(spring_and_drag, 1.0, 2.0, (0.0, drag), method=method)
 
 
+@pytest.mark.parametrize("method", ["eig3", "rk4"])
+def test_a_force_without_a_linear_part_limits_no_step(method):
+    """Derivatives of |v| v, u^3 and u^1.5 are 0 at this state, and a body at rest has reactions with squares of v."""
+    body = Scene(dimension=2)
+    body.body(1.0, 0.5, (0, 0))
+    for limited in (
+        partial(critical_step, eig3.jit(lambda t, u, v, p: -3.0 * abs(v) * v), 1.0, 0.0),
+        partial(critical_step, eig3.jit(lambda t, u, v, p: -3.0 * u**3), 0.0, 0.0),
+        partial(critical_step, eig3.jit(lambda t, u, v, p: -3.0 * max(u, 0.0) ** 1.5), 0.0, 0.0),
+        body.problem((0, 1)).critical_step,
+    ):
+        with pytest.raises(NoCriticalStepError, match="limits the step"):
+            limited(method=method)
+
+
 @pytest.mark.parametrize(
     ("method", "interval"),
     [("eig3", 1), (LAGGED, 2), ("rk2", 2), ("rk3", 2.5127453266), ("rk4", 2.7852935634), ("ab2", 1), ("ab3", 6 / 11)],

@@ -124,11 +124,14 @@ class _Derivative:
             size *= 64
             product = self(w, size)
         for _ in range(20):
-            finer = self(w, size / 16)
+            before, finer = product, self(w, size / 16)
             change = float(np.abs(finer).max()) * size / 16 / largest
             if change <= self._noise or np.abs(finer - product).max() <= _STRAIGHT * np.abs(product).max():
                 break
             size, product = size / 16, finer
+        else:
+            if np.abs(finer).max() < np.abs(before).max():  # f has no linear part, as squares of v at rest
+                product = np.zeros_like(product)
         return size, product
 
 
