@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 import eig3
 from eig3 import NoCriticalStepError, critical_step, problems
 from eig3.diagnosis.blas_threads import one_blas_thread
-from eig3.diagnosis.critical import _sees_rates, critical, longest_stable_step
-from eig3.diagnosis.linearisation import Linearised
+from eig3.diagnosis.critical import _sees_rates, longest_stable_step, of_linear
+from eig3.diagnosis.linearisation import Linearised, linearise, linearise_at
 from eig3.effects import (
     BoucWen,
     Coulomb,
@@ -477,6 +477,49 @@ def test_bm6_in_a_bar():
         critical_step(spinning, *START, TURNING, method="bm6")
 
 
+# Bodies --------------------------------------------------------------------------------------------------------------
+
+
+def held_body(size=1.0, spin=0.0):
+    """A body with the moments 0.3, 0.3 and 0.5, whose axis is held by springs at its ends, 0.5 from the centre."""
+    scene = Scene(dimension=3)
+    moments = size * size * np.array([0.3, 0.3, 0.5])
+    body = scene.body(20.0, moments, (0, 0, 0), angular_velocity=(1e-3, 0, spin))
+    for end, x, y in product((0.5, -0.5), (1, -1), (1, -1)):
+        foot = scene.fixed((size * x, size * y, size * end))
+        scene.add(LinearSpring(4.0, size * 2**0.5), body.point((0, 0, size * end)), foot)
+    return scene.problem((0, 60))
+
+
+def test_a_body_that_turns_between_springs():
+    """A tilt by x moves both ends by x / 2 against a stiffness of 8, and turns a unit vector against a reaction of 0.25
+    spin^2. Gyroscopic forces do not act on a motion that alternates from step to step.
+
+    The limit is accurate to 1e-6, and at 1.02 of it a tilt grows by the factor exp(acosh(2 1.02^2 - 1)) = 1.5 a step.
+    """
+    for spin in (0.0, 0.1, 0.5):
+        problem = held_body(spin=spin)
+        found = problem.critical_step()
+        assert found.limit == pytest.approx(2 / math.sqrt((4 + 0.25 * spin**2) / 0.3), rel=1e-5)
+    for part, is_stable in ((0.98, True), (1.02, False)):
+        run = problem.integrate(h=part * found.limit, save_every=None)
+        assert (run.success and run.drift["energy"] < 0.1) == is_stable
+
+
+@pytest.mark.parametrize("build", [problems.spinning_top, problems.tumbling_box, problems.four_bar])
+def test_a_step_that_loses_the_constraints_is_longer_than_the_critical_step(build):
+    """Ten steps keep the constraints with the step to take and with the limit, and not with a step of 1.05 limits: the
+    search is accurate to 2 %."""
+    problem = build()
+    for method in ("eig3", "rk4"):
+        found = problem.critical_step(method=method)
+        assert "no state was found that keeps the constraints" in found.holds
+        for h, is_kept in ((found.h, True), (found.limit, True), (1.05 * found.limit, False)):
+            run = problem.stepper(h=h, method=method)
+            run.advance(10)
+            assert run.is_finite == is_kept
+
+
 # Where nothing oscillates --------------------------------------------------------------------------------------------
 
 spring_and_drag = eig3.jit(lambda t, u, v, p: -p[0] * u - p[1] * v)
@@ -489,6 +532,21 @@ def test_a_free_particle_has_every_step(method, drag):
     """Drag does not limit an implicit method."""
     with pytest.raises(NoCriticalStepError, match="limits the step"):
         critical_step(spring_and_drag, 1.0, 2.0, (0.0, drag), method=method)
+
+
+@pytest.mark.parametrize("method", ["eig3", "rk4"])
+def test_a_force_without_a_linear_part_limits_no_step(method):
+    """Derivatives of |v| v, u^3 and u^1.5 are 0 at this state, and a body at rest has reactions with squares of v."""
+    body = Scene(dimension=2)
+    body.body(1.0, 0.5, (0, 0))
+    for limited in (
+        partial(critical_step, eig3.jit(lambda t, u, v, p: -3.0 * abs(v) * v), 1.0, 0.0),
+        partial(critical_step, eig3.jit(lambda t, u, v, p: -3.0 * u**3), 0.0, 0.0),
+        partial(critical_step, eig3.jit(lambda t, u, v, p: -3.0 * max(u, 0.0) ** 1.5), 0.0, 0.0),
+        body.problem((0, 1)).critical_step,
+    ):
+        with pytest.raises(NoCriticalStepError, match="limits the step"):
+            limited(method=method)
 
 
 @pytest.mark.parametrize(
@@ -615,14 +673,14 @@ def test_a_beam_in_metres_and_radians(mass, stiffness):
     highest = math.sqrt(np.linalg.eigvals(K).real.max())
     C = 2 * mass * highest * np.eye(len(K)) + 2 * stiffness / highest * K
     for method in (eig3.EIG3(), eig3.RK4(), LAGGED):
-        found = critical(lambda t, u, v: -K @ u - C @ v, 0.0, np.zeros(len(K)), np.zeros(len(K)), method)
+        found = of_linear(linearise(lambda t, u, v: -K @ u - C @ v, 0.0, np.zeros(len(K)), np.zeros(len(K))), method)
         assert found.limit == pytest.approx(limit(method, mass + stiffness) / highest, rel=5e-3)
 
 
 def test_the_reported_mode_is_the_one_that_limits():
     """Central difference is limited by the stiff mode, not by the fast decay of the other."""
     K, C = np.diag([1.0, 100.0]), np.array([[30.0, 0.1], [0.1, 0.0]])
-    found = critical(lambda t, u, v: -K @ u - C @ v, 0.0, np.zeros(2), np.zeros(2), eig3.CentralDifference())
+    found = of_linear(Linearised(K, C, 0), eig3.CentralDifference())
     assert found.limit == pytest.approx(0.2, rel=5e-3)
     assert found.omega_max == pytest.approx(10, rel=1e-3)
     assert found.xi < 1e-3
@@ -644,7 +702,7 @@ def test_evaluations_are_those_made(kind, n):
     # the search for the limit makes no further evaluations; large systems leave out the first two, which take long
     for method in (eig3.EIG3(), eig3.CentralDifference(), eig3.RK4())[0 if n <= 3 else 2 :]:
         calls.clear()
-        found = critical(acceleration, 0.0, np.ones(n), np.zeros(n), method)
+        found = of_linear(linearise(acceleration, 0.0, np.ones(n), np.zeros(n)), method)
         assert found.evaluations == len(calls)
         # A difference takes two. A small system needs a few to find an increment, one at that increment and one over a
         # longer one, in each direction of u and of v. A large one needs 60 for each of three Krylov spaces, twice for
@@ -967,7 +1025,8 @@ def test_a_state_at_zero_has_another_unit_than_velocities(length, time):
 @pytest.mark.parametrize("build", [problems.four_bar, problems.double_wishbone, partial(problems.hopper, 800)])
 def test_what_grows_by_errors_of_differences_limits_no_step(build):
     """A mechanism and free grains have motions without stiffness, whose rates are 1e-6 or less in place of 0."""
-    step = build().critical_step(method="rk4")
+    start = build().stepper(h=1.0, method="rk4")
+    step = of_linear(linearise_at(start, eig3.RK4()), eig3.RK4())
     assert step.limit == pytest.approx(limit(eig3.RK4(), step.xi) / step.omega_max, rel=1e-3)
 
 
@@ -981,7 +1040,7 @@ def test_matrices_are_computed_in_one_thread():
     seen = []
     with threadpoolctl.threadpool_limits(2, user_api="blas"):
         before = threads()
-        critical(lambda t, u, v: seen.append(threads()) or -u, 0.0, np.ones(2), np.zeros(2), eig3.EIG3())
+        of_linear(linearise(lambda t, u, v: seen.append(threads()) or -u, 0.0, np.ones(2), np.zeros(2)), eig3.EIG3())
         one_blas_thread.__enter__()
         one_blas_thread.__enter__()  # in another thread
         one_blas_thread.__exit__()

@@ -31,7 +31,7 @@ from ..stability import (
 from ..stability import limit as limit_of
 from ..stepping.stepper import Stepper
 from .blas_threads import one_blas_thread
-from .linearisation import Linearised, linearise
+from .linearisation import Linearised, linearise_at
 
 _COMMUTING = 1e-5  # K and C share modes if a common eigenvector leaves a residual below this, relative to their norms
 _COMPLEX = 1e-2  # slow modes of a projected system can have such imaginary parts, relative to its norm
@@ -54,7 +54,11 @@ _SHORTER = 0.8  # factor to a step at which growth as a power of h is still visi
 _FINE, _COARSE = 1.02, 1.3  # ratio of consecutive steps of the search: for separate and for coupled modes
 _BEYOND = np.array([1.00001, 1.0005, 1.002, 1.01])  # where a short interval of unstable steps may begin at a limit
 
+_TRIED = 10  # steps from a state in which a step must keep the constraints
+_LEAST_KEPT, _NEAR_KEPT = 0.01, 1.02  # least part of a stable step that is tried, and the accuracy of this search
+
 AT_STATE = "at this state, and not where the system becomes stiffer"
+KEEPING = "at this state, where no state was found that keeps the constraints after a longer step"
 IN_MOTION = "in the motion, by an estimate from the energy at the start of how close two points can come"
 
 
@@ -74,8 +78,8 @@ class CriticalStep:
     evaluations : int
         Number of evaluations of the right-hand side in the search.
     limit : float
-        The longest stable step. Beyond it the linearised system is unstable or, with fixed-point iteration, the solve
-        does not converge.
+        The longest stable step. Beyond it the linearised system is unstable, or a step fails: the iteration for an
+        implicit method or for the constraints does not converge.
     holds : str
         A description of where the step is stable.
     """
@@ -150,6 +154,9 @@ def critical_step(
     An implicit method takes these steps on at most the 36 fastest directions, EIG of grade 5 on 45, and of grade 13 on
     21; with more degrees of freedom, the limit is accurate to about 5e-4.
 
+    With constraints, ten steps from the state must also find states that keep them: the limit is otherwise shorter, to
+    2 %, as for a rigid body that turns by more than half a radian in a step of EIG-3.
+
     A stable step does not prevent physical growth, as from an unstable position. Repeated contacts of a spring with a
     gap or a kink may add energy below the limit, until a contact has some ten steps.
     """
@@ -159,12 +166,34 @@ def critical_step(
     if constraints_of(rhs):
         method.with_constraints()  # refuses a method without a step for them
     start = Stepper(rhs, u0, v0, h=1.0, t0=t, params=params, method="rk4")  # checks the arguments
-    return critical(start.evaluator(), t, start.u, start.v, method, float(safety))
+    found = of_linear(linearise_at(start, method), method, float(safety))
+    if not constraints_of(rhs):
+        return found
+    return _that_keeps_constraints(found, Stepper(rhs, u0, v0, h=1.0, t0=t, params=params, method=method))
 
 
-def critical(acceleration: Callable, t: float, u: Any, v: Any, method: Method, safety: float = 1.0) -> CriticalStep:
-    """Return the critical step for a function ``acceleration(t, u, v)`` that is finite at the state."""
-    return of_linear(linearise(acceleration, t, u, v), method, safety)
+def _that_keeps_constraints(found: CriticalStep, start: Stepper) -> CriticalStep:
+    """Return the step, or a shorter step with which a run from the state keeps the constraints."""
+
+    def is_kept(part: float) -> bool:
+        return all(_keeps_constraints(start.restarted(part * h)) for h in (found.limit, found.h))
+
+    if is_kept(1.0):
+        return found
+    low, high = _LEAST_KEPT, 1.0
+    while high > _NEAR_KEPT * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if is_kept(middle) else (low, middle)
+    is_found = low > _LEAST_KEPT  # no step helps in a singular position
+    return replace(found, h=low * found.h, limit=low * found.limit, holds=KEEPING) if is_found else found
+
+
+def _keeps_constraints(trial: Stepper) -> bool:
+    try:
+        trial.advance(_TRIED)
+    except Exception:  # rhs failed
+        return False
+    return trial.is_finite
 
 
 def with_encounters(find: Callable[[], CriticalStep], encounter: Callable[[], CriticalStep]) -> CriticalStep:

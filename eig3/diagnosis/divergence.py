@@ -17,7 +17,7 @@ import numpy as np
 from ..result.labels import Labels
 from ..stepping.stepper import Stepper
 from .critical import CriticalStep, NoStableStepError, growth_by_step, of_linear
-from .linearisation import linearise
+from .linearisation import linearise_at
 from .singular_position import AT_SINGULAR, AT_WHOLE_TURN, is_at_whole_turn, is_singular, ways_past
 
 _OVERFLOWING = 1e100  # even a correct right-hand side may overflow for larger states
@@ -192,7 +192,7 @@ def _growth_by_step(stepper: Stepper) -> float:
     """Return the numerical growth in a step of the linearised system, or infinity if it is unknown."""
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            system = linearise(stepper.evaluator(), stepper.t, stepper.u, stepper.v)
+            system = linearise_at(stepper, stepper.method)
             return growth_by_step(stepper.method, system, stepper.h)
     except Exception:  # rhs overflows or fails close to this state
         return math.inf
@@ -250,7 +250,7 @@ def _last(stepper: Stepper, bad_index: int, is_good: Callable[[Stepper], bool]) 
 def _own_rate(stepper: Stepper) -> float:
     """Return the largest growth rate of the linearised system, per unit of time; 0.0 if nothing grows."""
     try:
-        system = linearise(stepper.evaluator(), stepper.t, stepper.u, stepper.v)
+        system = linearise_at(stepper, stepper.method)
     except Exception:  # for example, rhs is not finite close to this state
         return 0.0
     return max(0.0, float(system.rates().real.max()))
@@ -289,7 +289,7 @@ def _critical_step(stepper: Stepper) -> CriticalStep:
 
     A search may take a quarter of a second, and the members of an ensemble often start as the same linear system.
     """
-    linear = linearise(stepper.evaluator(), stepper.t, stepper.u, stepper.v)
+    linear = linearise_at(stepper, stepper.method)
     if stepper.index > 0:
         return of_linear(linear, stepper.method)
     same, known = (linear.K.tobytes(), linear.C.tobytes()), stepper.system.critical_at_start

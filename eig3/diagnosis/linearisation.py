@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ..functions.guard import guarded
+from ..methods import Method
+from ..stepping.stepper import Stepper
 from .blas_threads import one_blas_thread
 
 _FULL = 64  # degrees of freedom up to which K and C are full matrices
@@ -71,8 +74,10 @@ class Linearised:
 class _Derivative:
     """Products of -df/dx with vectors, by differences of ``f(x)``; `a` is f at the state."""
 
-    def __init__(self, f: Callable, x: np.ndarray, a: np.ndarray, scale: float, terms: float) -> None:
-        self._f, self._x, self._a, self._scale = f, x, a, scale
+    def __init__(
+        self, f: Callable, x: np.ndarray, a: np.ndarray, scale: float, terms: float, along: Callable | None = None
+    ) -> None:
+        self._f, self._x, self._a, self._scale, self._along = f, x, a, scale, along
         self._noise, self._round_off = _TELLING * terms, _UNCERTAIN * terms
         self.size = x.size
         # a state of a link at 0 may have a unit that is much smaller than the unit of velocities
@@ -90,7 +95,9 @@ class _Derivative:
     def _sides(self, w: np.ndarray, increment: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the products from the forward and the backward difference."""
         dx = increment / float(np.abs(w).max())
-        return (self._a - self._f(self._x + dx * w)) / dx, (self._f(self._x - dx * w) - self._a) / dx
+        w = self._along(w) if self._along else w
+        ahead, behind = (self._a - self._f(self._x + dx * w)) / dx, (self._f(self._x - dx * w) - self._a) / dx
+        return (self._along(ahead), self._along(behind)) if self._along else (ahead, behind)
 
     def column(self, w: np.ndarray, scale: float) -> np.ndarray:
         """Return the product from central differences over a longer increment, which have less round-off.
@@ -117,17 +124,45 @@ class _Derivative:
             size *= 64
             product = self(w, size)
         for _ in range(20):
-            finer = self(w, size / 16)
+            before, finer = product, self(w, size / 16)
             change = float(np.abs(finer).max()) * size / 16 / largest
             if change <= self._noise or np.abs(finer - product).max() <= _STRAIGHT * np.abs(product).max():
                 break
             size, product = size / 16, finer
+        else:
+            if np.abs(finer).max() < np.abs(before).max():  # f has no linear part, as squares of v at rest
+                product = np.zeros_like(product)
         return size, product
 
 
+def linearise_at(stepper: Stepper, method: Method) -> Linearised:
+    """Linearise the system of a stepper at its state, as it acts on the steps of a method.
+
+    EIG-3 finds the reactions of constraints from the end of the step, and not from u and v. Only changes of u and v
+    along the constraints act on its steps.
+    """
+    t, u, v, along = stepper.t, stepper.u, stepper.v, None
+    if stepper.system.project and method.with_constraints().formulas.keeps_constraints:
+        project, params = stepper.system.project.call, guarded(stepper.p)
+
+        def projected(w: np.ndarray) -> np.ndarray:
+            place, w = u.copy(), w.copy()
+            project(t, place, w, params)
+            return w
+
+        at_rest = projected(np.zeros_like(u))  # not zero if the constraints move
+
+        def along(w: np.ndarray) -> np.ndarray:
+            return projected(w) - at_rest
+
+    return linearise(stepper.evaluator(), t, u, v, along)
+
+
 @one_blas_thread
-def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
+def linearise(f: Callable, t: float, u: Any, v: Any, along: Callable | None = None) -> Linearised:
     """Linearise ``f(t, u, v)`` at a state. For more than 64 degrees of freedom, no n x n matrix is stored.
+
+    `along` projects changes of u, v and f.
 
     Raises
     ------
@@ -141,7 +176,7 @@ def linearise(f: Callable, t: float, u: Any, v: Any) -> Linearised:
         evaluations += 1
         return f(*state)
 
-    by_u, by_v = _derivatives(counted, t, u, v)
+    by_u, by_v = _derivatives(counted, t, u, v, along)
     u, v = np.atleast_1d(u), np.atleast_1d(v)
     is_small = u.size <= _FULL
     K, C = _balanced(*_all_directions(by_u, by_v, u, v)) if is_small else _fast_directions(by_u, by_v, u.size)
@@ -176,7 +211,9 @@ def fast_rates(f: Callable, t: float, u: Any, v: Any, h: float) -> np.ndarray:
     return np.linalg.eigvals(_arnoldi(product, w, min(2 * n, _FEW_DIRECTIONS))[1])
 
 
-def _derivatives(f: Callable, t: float, u: Any, v: Any) -> tuple[_Derivative, _Derivative]:
+def _derivatives(
+    f: Callable, t: float, u: Any, v: Any, along: Callable | None = None
+) -> tuple[_Derivative, _Derivative]:
     """Return the products with -df/du and with -df/dv at a state, for many unknowns in units that suit their coupling.
 
     For up to 64 unknowns, `_balanced` changes the units.
@@ -187,11 +224,12 @@ def _derivatives(f: Callable, t: float, u: Any, v: Any) -> tuple[_Derivative, _D
     def evaluate(u: np.ndarray, v: np.ndarray) -> np.ndarray:
         return np.atleast_1d(f(t, float(u[0]), float(v[0]))) if scalar else f(t, u, v)
 
-    products = _products(evaluate, u, v)
+    products = _products(evaluate, u, v, along)
     units = _units(products[0]) if u.size > _FULL else None
     if units is None:
         return products
-    return _products(lambda u, v: evaluate(u * units, v * units) / units, u / units, v / units)
+    scaled = along and (lambda w: along(w * units) / units)
+    return _products(lambda u, v: evaluate(u * units, v * units) / units, u / units, v / units, scaled)
 
 
 def _units(by_u: _Derivative) -> np.ndarray | None:
@@ -208,13 +246,15 @@ def _units(by_u: _Derivative) -> np.ndarray | None:
     return units if smaller * _UNEVEN < sizes.max() else None
 
 
-def _products(evaluate: Callable, u: np.ndarray, v: np.ndarray) -> tuple[_Derivative, _Derivative]:
+def _products(
+    evaluate: Callable, u: np.ndarray, v: np.ndarray, along: Callable | None
+) -> tuple[_Derivative, _Derivative]:
     a = evaluate(u, v)
     u_size, v_size = (float(np.abs(x).max()) for x in (u, v))
     terms = max(float(np.abs(a).max()), _cancelled(lambda x: evaluate(x, v), u, a))
     natural = math.sqrt(terms) * math.sqrt(u_size)  # the velocity that a motion from rest at u can reach
-    by_u = _Derivative(lambda x: evaluate(x, v), u, a, u_size or 1.0, terms)
-    by_v = _Derivative(lambda x: evaluate(u, x), v, a, max(v_size, natural) or 1.0, terms)
+    by_u = _Derivative(lambda x: evaluate(x, v), u, a, u_size or 1.0, terms, along)
+    by_v = _Derivative(lambda x: evaluate(u, x), v, a, max(v_size, natural) or 1.0, terms, along)
     return by_u, by_v
 
 

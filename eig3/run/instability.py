@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..diagnosis.critical import NoStableStepError, growth_by_step, of_linear
-from ..diagnosis.linearisation import linearise
+from ..diagnosis.linearisation import linearise_at
 from ..diagnosis.stiffness import VERY_MANY_STEPS
 from ..functions.companions import mark
 from ..stepping.stepper import Stepper
@@ -35,7 +35,7 @@ def instability(stepper: Stepper, n_steps: int) -> str:
     if stepper.n > _MOST_DEGREES:
         return ""
     try:
-        system = linearise(stepper.evaluator(), stepper.t0, *stepper.start)
+        system = linearise_at(stepper.restarted(stepper.h), stepper.running)
         first_order = stepper.system.first_order.is_read
         if not first_order and n_steps * growth_by_step(stepper.running, system, stepper.h) < _SEEN:
             return ""  # the search for the critical step takes a hundred times as long
