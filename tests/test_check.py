@@ -258,8 +258,43 @@ def test_chaos_is_right_up_to_a_time():
     first = solution.t[np.argmax(apart > 0.5)]
     assert solution.reliable_until == pytest.approx(first, rel=0.1)
     text = repr(solution)
-    assert f"No digit of u is right from t = {solution.reliable_until:.4g} on. The error grows like exp(" in text
-    assert f"before t = {solution.reliable_until:.4g}" in text
+    assert f"No digit of u is right after t = {solution.reliable_until:.4g}. The error grows like exp(" in text
+    assert f"up to t = {solution.reliable_until:.4g}" in text
+    for few in ({"save_every": None}, {"t_eval": [20.0, 40.0]}):  # other states are compared
+        run = problem.integrate(h=0.002, method="rk4", **few, check=True)
+        assert run.reliable_until == pytest.approx(first, rel=0.1)
+        assert str(run.error).startswith("no digit of u is right (estimated from ")
+    members = problem.ensemble(h=0.002, method="rk4", u0=[problem.u0, problem.u0], check=True)
+    assert (members.error.reliable_until == 0).all()
+    assert "No digit of u is right at t = 40, and no state is saved that shows since when." in members.error[1].notes
+
+
+@eig3.jit
+def not_finite_for_a_moment(t, u, v, p):
+    return np.nan if 1.02 < t < 1.03 else -u - 5 * abs(u)
+
+
+def test_an_error_is_infinite_after_a_compared_run_has_failed():
+    """The kink makes a finer run necessary, which evaluates f at t = 1.025. It was called an error of at most 0.0025."""
+    solution = eig3.integrate(not_finite_for_a_moment, (0, 3), 1.0, 0.0, h=0.1, method="rk4", check=True)
+    assert solution.success
+    np.testing.assert_array_equal(np.isfinite(solution.error.u), solution.t <= 1.0)
+    assert solution.error.largest["u"] == np.inf
+    assert solution.reliable_until is None
+    assert "The compared run, a run with half the step, ended early" in solution.error.notes[-1]
+
+
+def test_an_odd_number_of_steps_is_compared_at_its_end_too():
+    """Twice the step cannot end there, but a step that is a little longer can. The exact error is of fourth order."""
+    exact = 3 * np.cos(20.0)
+    runs = [
+        eig3.integrate(spring, (0, 20), 3.0, 0.0, params=1.0, h=20 / n, method="rk4", save_every=None, check=True)
+        for n in (201, 401)
+    ]
+    for run in runs:
+        assert run.n_steps % 2 == 1
+        assert run.order == pytest.approx(4, abs=0.1)  # the next term of the error is smaller by h
+        assert run.error.u[-1] == pytest.approx(run.u[-1] - exact, rel=0.1)
 
 
 def test_the_end_of_the_digits_does_not_depend_on_the_later_motion():

@@ -39,6 +39,7 @@ _FEW_MORE = 0.3  # a smaller part of the further steps that the order lets expec
 _WINDOWS = 16  # parts of the run whose orders are compared
 _GROWING = 1e-10, 0.1  # range of the relative errors in which a rate of growth is measured,
 _FEWEST = 8  # from at least this number of states
+_FEW_STATES = 64  # fewer saved states hardly show up to when digits are right
 _SMALL_ERROR, _LARGE_DRIFT = 0.01, 0.1  # relative: an estimated error and a drift that contradict each other
 
 
@@ -51,7 +52,7 @@ class ErrorEstimate:
     t : ndarray, shape (m,)
         The times of the saved states.
     u, v : ndarray, shape (m,) or (m, n)
-        NaN after the end of the compared run, if it ended before, and in u for what only events change.
+        After the end of the compared run, they are NaN, or infinite if it failed. NaN in u for what only events change.
     outputs, z : dict of str to ndarray
         As in the solution. Members of an ensemble with tolerances have them if they save only their ends, or with
         `t_eval`.
@@ -62,7 +63,8 @@ class ErrorEstimate:
     order : float or None
         The order that the run shows; None with tolerances, or if no coarser run could be compared.
     reliable_until : float or None
-        The time after which no digit of u is right; None if there is no such time.
+        The last saved time at which a digit of u is right, or -inf; None if it is the end. A run that has saved few
+        states is repeated with more states to find it.
     by : str
         What the run was compared with.
     coarser : float or None
@@ -93,10 +95,11 @@ class ErrorEstimate:
 
     def __str__(self) -> str:
         order = "" if self.order is None else f", which show the order {self.order:.1f}"
-        until, u = "", self.u
-        if self.reliable_until is not None:
-            until, u = f" before t = {self.reliable_until:.4g}", u[self.t < self.reliable_until]
-        return f"error of u at most {_largest(u):.2g}{until} (estimated from {self.by}{order})"
+        what, until = f"error of u at most {_largest(self.u):.2g}", self.reliable_until
+        if until is not None:
+            largest = _largest(self.u[self.t <= until])
+            what = f"error of u at most {largest:.2g} up to t = {until:.4g}" if largest else "no digit of u is right"
+        return f"{what} (estimated from {self.by}{order})"
 
     __repr__ = __str__
 
@@ -210,11 +213,11 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
     def errors(values: np.ndarray, others: np.ndarray) -> np.ndarray:
         found = _at(fine.rows, values) - others
         found *= factor
-        return _everywhere(solution.t, fine.rows, found)
+        return _everywhere(solution.t, fine.rows, found, np.nan if fine.solution.success else np.inf)
 
     u = errors(solution.u, fine.u)
     u[..., np.isinf(scale)] = np.nan
-    until, note = _reliable_until(solution, u, scale)
+    until, note = _reliable_until(solution, u if fine.solution.success else np.where(np.isinf(u), np.nan, u), scale)
     notes += [note] if note else []
     own, other = fine.own, fine.solution
     at_states = own is not None
@@ -267,9 +270,7 @@ def losses(solution: Any, error: ErrorEstimate, starts: Mapping[str, float]) -> 
     A method may damp a fast motion away in all compared runs, which then agree. `starts` are the values of the
     invariants at the start.
     """
-    scale = _scale(solution)
-    size = np.max(scale, where=np.isfinite(scale), initial=0.0)
-    if error.reliable_until is not None or error.largest["u"] >= _SMALL_ERROR * size:
+    if error.reliable_until is not None or _is_large(solution, error):
         return
     for name, start in starts.items():
         drift, found = solution.drift[name], solution.extremes[name]
@@ -280,6 +281,16 @@ def losses(solution: Any, error: ErrorEstimate, starts: Mapping[str, float]) -> 
                 f"{solution.method.label} may have damped a fast motion away in all compared runs, or {name} is no "
                 "invariant of this motion; compare with a much shorter step."
             )
+
+
+def may_be_lost(solution: Any, error: ErrorEstimate) -> bool:
+    """Return whether no digit may be right before the end, although the error in a few states may not show it."""
+    return bool(error.notes) and len(solution.t) < min(_FEW_STATES, solution.n_steps) and _is_large(solution, error)
+
+
+def _is_large(solution: Any, error: ErrorEstimate) -> bool:
+    scale = _scale(solution)
+    return bool(error.largest["u"] >= _SMALL_ERROR * np.max(scale, where=np.isfinite(scale), initial=0.0))
 
 
 def _scale(solution: Any) -> Any:
@@ -350,7 +361,8 @@ class Differences(NamedTuple):
         apart = np.flatnonzero(~(norms[1] < _CONVERGING))
         count = apart[0] if len(apart) and apart[0] > 1 else len(rows)
         products = np.einsum("ij,ij->i", *(x[:count] for x in relative))
-        return cls(solution.t[rows[:count]], norms[0][:count], norms[1][:count], products, count == len(rows) > 1)
+        is_whole = not len(apart) and len(rows) > 1
+        return cls(solution.t[rows[:count]], norms[0][:count], norms[1][:count], products, is_whole)
 
     def ratio(self, some: slice = slice(None)) -> float | None:
         """The ratio of the differences in some of the states; None if it is not known."""
@@ -497,7 +509,7 @@ def _lower(label: str, differences: Differences, ratios: tuple[float, float], ob
         seen = differences.ratio(some)
         if seen and _order(seen, *ratios) >= order - _BELOW:
             begin = t[min(some.stop, len(t) - 1)]
-    since = "" if begin == t[0] else f" from t = {begin:.4g} on"
+    since = "" if begin in (t[0], t[-1]) else f" from t = {begin:.4g} on"
     return (
         f"The run shows the order {observed:.1f}{since}, and {label} has the order {order}. It is lower if rhs has "
         "kinks or jumps, as from contacts, friction, impacts and records with corners, if h is still long for the "
@@ -511,11 +523,11 @@ def _windows(count: int) -> Iterator[slice]:
     return (slice(a, b) for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
 
 
-def _everywhere(t: np.ndarray, rows: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Return the errors of all saved states: interpolated between the common states, and NaN after the last."""
+def _everywhere(t: np.ndarray, rows: np.ndarray, errors: np.ndarray, after: float) -> np.ndarray:
+    """Return the errors of all saved states: interpolated between the common states, and `after` after the last."""
     if len(rows) == len(t):
         return errors
-    found = np.full((len(t), *errors.shape[1:]), np.nan)
+    found = np.full((len(t), *errors.shape[1:]), after)
     distances = np.diff(rows)
     if len(distances) and (distances == distances[0]).all():
         k, changes = int(distances[0]), np.diff(errors, axis=0)
@@ -531,7 +543,7 @@ def _everywhere(t: np.ndarray, rows: np.ndarray, errors: np.ndarray) -> np.ndarr
 
 
 def _reliable_until(solution: Any, u: np.ndarray, scale: Any) -> tuple[float | None, str]:
-    """Return the time after which no digit is right, and a sentence about the growth of the error.
+    """Return the last time at which a digit is right, and a sentence about the growth of the error.
 
     The error is compared with the motion up to each time: an angle may turn over many times later. A degree of freedom
     that has hardly begun to move, such as at the front of a wave, is compared with the others.
@@ -544,10 +556,12 @@ def _reliable_until(solution: Any, u: np.ndarray, scale: Any) -> tuple[float | N
     wrong = np.flatnonzero(relative >= _NO_DIGIT)
     if not len(wrong):
         return None, ""
-    until = float(t[wrong[0]])
+    until = float(t[wrong[0] - 1]) if wrong[0] else -math.inf
     largest = np.maximum.accumulate(np.nan_to_num(relative[: wrong[0]]))
     some = np.flatnonzero((largest > _GROWING[0]) & (largest < _GROWING[1]))
-    sentence = f"No digit of u is right from t = {until:.4g} on."
+    sentence = f"No digit of u is right after t = {until:.4g}."
+    if wrong[0] <= 1:
+        sentence = f"No digit of u is right at t = {t[wrong[0]]:.4g}, and no state is saved that shows since when."
     if len(some) < _FEWEST or t[some[0]] <= t[0]:
         return until, sentence
     log = np.log(largest[some])
