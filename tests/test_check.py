@@ -275,7 +275,7 @@ def not_finite_for_a_moment(t, u, v, p):
 
 
 def test_an_error_is_infinite_after_a_compared_run_has_failed():
-    """The kink makes a finer run necessary, which evaluates f at t = 1.025. It was called an error of at most 0.0025."""
+    """The kink makes a finer run necessary, which evaluates f at t = 1.025. An error of 0.0025 was reported."""
     solution = eig3.integrate(not_finite_for_a_moment, (0, 3), 1.0, 0.0, h=0.1, method="rk4", check=True)
     assert solution.success
     np.testing.assert_array_equal(np.isfinite(solution.error.u), solution.t <= 1.0)
