@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..functions.extremes import Extremes
+from .status import Status
 
 _LOWEST, _HIGHEST = 0.25, 30.0  # range of the observed orders
 _BELOW = 0.6  # least difference between the order of the method and an observed order that is reported as lower
@@ -58,6 +59,7 @@ class ErrorEstimate:
         `t_eval`.
     drift : dict of str to float
     extremes : dict of str to Extremes
+        Without the errors of peaks between the ends of two steps.
     events : dict of str to ndarray
         The errors of the times of the occurrences that both runs have.
     order : float or None
@@ -171,6 +173,23 @@ class Companion:
         u, v = other._interpolated(solution.t[rows])
         return cls(other, ratio, rows, None, u, v, is_fixed=False)
 
+    def with_end(self, solution: Any) -> Companion:
+        """Return a companion that has a state at the end of the run too, if a terminal event ended both."""
+        other, last = self.solution, len(solution.t) - 1
+        if not solution.status is other.status is Status.TERMINATED or _last_event(solution).t[-1] != solution.t[-1]:
+            return self
+        end, a = _last_event(other), solution.a
+        dt = solution.t[-1] - end.t[-1]  # of the order of the error
+        state = end.u_after[-1] + dt * end.v_after[-1], end.v_after[-1] + dt * (np.nan if a is None else a[-1])
+        before = slice(np.searchsorted(self.rows, last))
+        u, v = (np.append(x[before], [y], axis=0) for x, y in zip((self.u, self.v), state, strict=True))
+        return replace(self, rows=np.append(self.rows[before], last), u=u, v=v)
+
+
+def _last_event(solution: Any) -> Any:
+    """Return the occurrences of the event that occurred last."""
+    return max(filter(len, solution.events.values()), key=lambda found: found.t[-1])
+
 
 def _are_at_resets(t: np.ndarray) -> np.ndarray:
     """Return which states are before and after a reset. There a companion has one state, before or after its reset."""
@@ -183,6 +202,7 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
 
     If `coarser` is known, see `ErrorEstimate`, `fine` may be a coarser run, and another one only gives its name.
     """
+    fine, coarse = fine.with_end(solution), coarse and coarse.with_end(solution)
     order = solution.method.order if fine.is_fixed else None
     scale = _scale(solution)
     first = (_at(fine.rows, solution.u) - fine.u) / scale
@@ -211,9 +231,10 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
         notes.append(f"The compared run, {fine.name}, ended early: {fine.solution.message}")
 
     def errors(values: np.ndarray, others: np.ndarray) -> np.ndarray:
-        found = _at(fine.rows, values) - others
+        rows = fine.rows[: len(others)]
+        found = _at(rows, values) - others
         found *= factor
-        return _everywhere(solution.t, fine.rows, found, np.nan if fine.solution.success else np.inf)
+        return _everywhere(solution.t, rows, found, np.nan if fine.solution.success else np.inf)
 
     u = errors(solution.u, fine.u)
     u[..., np.isinf(scale)] = np.nan

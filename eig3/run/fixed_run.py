@@ -142,7 +142,7 @@ class FixedRun(Run):
         times = None if self.times is None else self.times[self.times <= t_end]
         found = compared(self._repeated(h, n_steps, t_end, every, times).begin, cancel)
         companion = Companion.at_same_steps(solution, found, h / stepper.h)
-        return companion if len(companion.rows) > 1 or not found.success else None
+        return companion if len(companion.rows) > 1 or found.status is not Status.COMPLETED else None
 
     def _repeated(self, h: float, n_steps: int, t_end: float, every: int | None, times: np.ndarray | None) -> FixedRun:
         """Return a run from the same start, which has not begun."""
