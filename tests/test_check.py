@@ -219,6 +219,19 @@ def test_an_exact_run_has_no_order():
     assert "near round-off" in note
 
 
+def test_round_off_that_all_runs_have_is_noted():
+    """The coefficients of RK8 are rounded, which changes the period by about eps: over 20,000 s, the true error was 140
+    times the estimate, which coarser runs alone had given."""
+    given = {"params": 1.0, "method": "rk8", "check": True}
+    coarse, fine = (eig3.integrate(spring, (0, 20000), 1.0, 0.0, h=h, save_every=50, **given) for h in (0.2, 0.05))
+    true = np.abs(coarse.u - np.cos(coarse.t)).max()
+    assert coarse.error.largest["u"] == pytest.approx(true, rel=0.05)  # the next term is smaller by about h^2
+    assert coarse.error.notes == ()
+    assert any("round-off" in note for note in fine.error.notes)
+    members = eig3.ensemble(spring, (0, 20000), [1.0, 1.0], 0.0, h=0.05, **given)
+    assert any("round-off" in note for note in members.error[0].notes)
+
+
 def test_near_the_limit_of_stability_the_order_is_not_known():
     """The limit of EIG-3 is h = 2: with twice the step the coarser run is unstable."""
     solution = eig3.integrate(spring, (0, 1000), 1.0, 0.0, params=1.0, h=1.2, check=True, save_every=None)

@@ -27,6 +27,7 @@ _LEAST_RATIO = 2.0  # least factor by which the error decreases with a tenth of 
 _ROUND_OFF = 1e-12  # smaller differences, relative to the motion, may be round-off
 _SMALL = 1e-6  # a degree of freedom that moves less, relative to the largest motion, has no own scale
 _CONVERGING = 0.2  # the orders are measured up to this difference from the coarser run, relative to the motion
+_ROUNDING = 2 * np.finfo(float).eps  # relative error of a path by round-off; all runs may have it, as of coefficients
 _NEAR_ROUND_OFF = "The differences of the runs are near round-off: shorter steps do not help."
 _STEPS = {"two thirds of": 2 / 3, "half": 1 / 2, "twice": 2.0, "four times": 4.0}  # of compared runs, as ratios
 _CLEAR = 0.1  # largest difference from the order of the method with which coarser runs alone give the error
@@ -238,6 +239,8 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
 
     u = errors(solution.u, fine.u)
     u[..., np.isinf(scale)] = np.nan
+    if _NEAR_ROUND_OFF not in notes and _is_near_round_off(solution, u):
+        notes.append(_NEAR_ROUND_OFF)
     until, note = _reliable_until(solution, u if fine.solution.success else np.where(np.isinf(u), np.nan, u), scale)
     notes += [note] if note else []
     own, other = fine.own, fine.solution
@@ -415,6 +418,13 @@ def _by_tolerances(seen: float | None, is_tiny: bool, notes: list[str]) -> float
     return 1 / (1 - 1 / _LEAST_RATIO)
 
 
+def _is_near_round_off(solution: Any, u: np.ndarray) -> bool:
+    """Return whether round-off of the size and the path of the motion may be larger than these errors."""
+    span = solution.t[-1] - solution.t[0]
+    paths = _largest_of_each(solution.u) + span * _largest_of_each(solution.v)
+    return bool(np.all(_largest_of_each(u) <= _ROUNDING * paths))
+
+
 def _is_limited(solution: Any, fine: Companion) -> bool:
     """Return whether a smaller tolerance hardly shortens the steps: then it may not reduce the error either."""
     if solution.n_steps < _MANY_STEPS or fine.ratio > 1:
@@ -482,14 +492,17 @@ class PlainErrors(NamedTuple):
         with np.errstate(all="ignore"):  # members that failed
             relative = [(u - x.u.reshape(u.shape)) / scale[:, None] for x, _ in others]
             near, distances = relative[0], [np.sqrt(np.einsum("ijk,ijk->ij", x, x)) for x in relative]
-            largest = np.abs(near).max(axis=(1, 2))
+            of_each = np.abs(near).max(axis=1)
+            largest = of_each.max(axis=1)
             chosen = np.logical_and.reduce([solution.success, *(x.success for x, _ in others)])
             factor, order = np.ones(m), np.full(m, np.nan)
             if coarse is not None:
                 seen = np.divide(*(np.sqrt(np.einsum("ij,ij->i", x, x)) for x in reversed(distances)))
                 factor, order, is_clear = _factors(solution, seen, fine, coarse)
                 chosen &= is_clear & (largest >= _ROUND_OFF) & (distances[1] < _CONVERGING).all(axis=1)
-            chosen &= largest * factor < _NO_DIGIT
+            span, speeds = solution.t[:, -1:] - solution.t[:, :1], np.abs(solution.v).reshape(u.shape).max(axis=1)
+            is_seen = factor[:, None] * of_each * scale > _ROUNDING * (sizes + span * speeds)
+            chosen &= (largest * factor < _NO_DIGIT) & is_seen.any(axis=1)
             pairs = {name: (getattr(solution, name), getattr(fine[0], name)) for name in ("u", "v")}
             for kind in ("outputs", "z", "drift"):
                 pairs |= {name: (x, getattr(fine[0], kind)[name]) for name, x in getattr(solution, kind).items()}
