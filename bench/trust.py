@@ -178,7 +178,7 @@ def _runs(
         error = solution.check()
         assert error  # nothing interrupts it
         true = np.abs(solution.u - truth(solution.t)).reshape(len(solution.t), -1)
-        reliable = solution.t < (math.inf if error.reliable_until is None else error.reliable_until)
+        reliable = solution.t <= (math.inf if error.reliable_until is None else error.reliable_until)
         size = np.abs(solution.u).max()
         estimated, actual = (float(np.nanmax(np.abs(x[reliable]), initial=0.0) / size) for x in (error.u, true))
         if max(actual, estimated) > least and actual > 0:

@@ -190,6 +190,10 @@ def test_a_chaotic_motion_is_known_by_short_runs(monkeypatch):
     solution = problem.integrate(accuracy=1e-9, method="rk4")
     assert "as in a chaotic motion" in solution.message
     assert 150 / min(seen) < 1e6
+    seen.clear()
+    ends = problem.integrate(accuracy=1e-9, method="rk4", save_every=None)  # the end alone does not show this
+    assert f"no digit of u is right after t = {ends.reliable_until:.4g}, as in a chaotic motion" in ends.message
+    assert 150 / min(seen) < 1e6
 
 
 def test_round_off_in_chaos_is_seen():

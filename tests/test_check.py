@@ -219,6 +219,19 @@ def test_an_exact_run_has_no_order():
     assert "near round-off" in note
 
 
+def test_round_off_that_all_runs_have_is_noted():
+    """The coefficients of RK8 are rounded, which changes the period by about eps: over 20,000 s, the true error was 140
+    times the estimate, which coarser runs alone had given."""
+    given = {"params": 1.0, "method": "rk8", "check": True}
+    coarse, fine = (eig3.integrate(spring, (0, 20000), 1.0, 0.0, h=h, save_every=50, **given) for h in (0.2, 0.05))
+    true = np.abs(coarse.u - np.cos(coarse.t)).max()
+    assert coarse.error.largest["u"] == pytest.approx(true, rel=0.05)  # the next term is smaller by about h^2
+    assert coarse.error.notes == ()
+    assert any("round-off" in note for note in fine.error.notes)
+    members = eig3.ensemble(spring, (0, 20000), [1.0, 1.0], 0.0, h=0.05, **given)
+    assert any("round-off" in note for note in members.error[0].notes)
+
+
 def test_near_the_limit_of_stability_the_order_is_not_known():
     """The limit of EIG-3 is h = 2: with twice the step the coarser run is unstable."""
     solution = eig3.integrate(spring, (0, 1000), 1.0, 0.0, params=1.0, h=1.2, check=True, save_every=None)
@@ -258,8 +271,43 @@ def test_chaos_is_right_up_to_a_time():
     first = solution.t[np.argmax(apart > 0.5)]
     assert solution.reliable_until == pytest.approx(first, rel=0.1)
     text = repr(solution)
-    assert f"No digit of u is right from t = {solution.reliable_until:.4g} on. The error grows like exp(" in text
-    assert f"before t = {solution.reliable_until:.4g}" in text
+    assert f"No digit of u is right after t = {solution.reliable_until:.4g}. The error grows like exp(" in text
+    assert f"up to t = {solution.reliable_until:.4g}" in text
+    for few in ({"save_every": None}, {"t_eval": [20.0, 40.0]}):  # other states are compared
+        run = problem.integrate(h=0.002, method="rk4", **few, check=True)
+        assert run.reliable_until == pytest.approx(first, rel=0.1)
+        assert str(run.error).startswith("no digit of u is right (estimated from ")
+    members = problem.ensemble(h=0.002, method="rk4", u0=[problem.u0, problem.u0], check=True)
+    assert (members.error.reliable_until == 0).all()
+    assert "No digit of u is right at t = 40, and no state is saved that shows since when." in members.error[1].notes
+
+
+@eig3.jit
+def not_finite_for_a_moment(t, u, v, p):
+    return np.nan if 1.02 < t < 1.03 else -u - 5 * abs(u)
+
+
+def test_an_error_is_infinite_after_a_compared_run_has_failed():
+    """The kink makes a finer run necessary, which evaluates f at t = 1.025. An error of 0.0025 was reported."""
+    solution = eig3.integrate(not_finite_for_a_moment, (0, 3), 1.0, 0.0, h=0.1, method="rk4", check=True)
+    assert solution.success
+    np.testing.assert_array_equal(np.isfinite(solution.error.u), solution.t <= 1.0)
+    assert solution.error.largest["u"] == np.inf
+    assert solution.reliable_until is None
+    assert "The compared run, a run with half the step, ended early" in solution.error.notes[-1]
+
+
+def test_an_odd_number_of_steps_is_compared_at_its_end_too():
+    """Twice the step cannot end there, but a step that is a little longer can. The exact error is of fourth order."""
+    exact = 3 * np.cos(20.0)
+    runs = [
+        eig3.integrate(spring, (0, 20), 3.0, 0.0, params=1.0, h=20 / n, method="rk4", save_every=None, check=True)
+        for n in (201, 401)
+    ]
+    for run in runs:
+        assert run.n_steps % 2 == 1
+        assert run.order == pytest.approx(4, abs=0.1)  # the next term of the error is smaller by h
+        assert run.error.u[-1] == pytest.approx(run.u[-1] - exact, rel=0.1)
 
 
 def test_the_end_of_the_digits_does_not_depend_on_the_later_motion():
@@ -298,13 +346,16 @@ def test_impacts():
 
 
 def test_a_terminal_event_may_come_earlier():
-    event = eig3.Event(crossing, terminal=True)
-    solution = eig3.integrate(spring, (0, 10), 1.0, 0.0, params=1.0, h=0.05, events={"end": event}, check=True)
+    ends = {"params": 1.0, "events": {"end": eig3.Event(crossing, terminal=True)}, "check": True}
+    solution = eig3.integrate(spring, (0, 10), 1.0, 0.0, h=0.05, **ends)
     true = np.cos(solution.t)
     assert solution.error.events["end"][0] == pytest.approx(solution.t[-1] - np.arccos(0.3), rel=0.2)
-    known = ~np.isnan(solution.error.u)
-    assert known[:-1].all()
-    assert np.abs((solution.u - true - solution.error.u)[known]).max() < 0.2 * np.abs(solution.u - true).max()
+    assert np.abs(solution.u - true - solution.error.u).max() < 0.2 * np.abs(solution.u - true).max()
+    for step in ({"h": 0.05, "method": "rk4"}, {"rtol": 1e-6, "method": "rk8"}):  # with the two ends only
+        solution = eig3.integrate(spring, (0, 10), 1.0, 0.0, **step, **ends, save_every=None)
+        assert solution.error.u[-1] == pytest.approx(solution.u[-1] - np.cos(solution.t[-1]), rel=0.3)
+        true = solution.v[-1] + np.sin(solution.t[-1])
+        assert 0.5 < solution.error.v[-1] / true < 2  # the dense output of v within a step has other errors
 
 
 def test_a_fast_motion_that_a_method_damps_away_has_a_note():

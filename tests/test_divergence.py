@@ -284,7 +284,7 @@ def test_a_driven_gyroscope_that_grows_is_noted():
     assert note == f"{coarse.notes[0]} This is member 1 of the 2 members that have grown."
 
 
-def test_a_linear_structure_that_grows_a_little_is_noted():
+def test_a_linear_structure_that_grows_a_little_is_noted(tmp_path):
     """As above with the force in a table: at h = 0.25, the motion grows five times in 8000 steps."""
     t = np.linspace(0, 2000, 40001)
     damping, force = np.array([[1e-3, 0.5], [-0.5, 1e-3]]), (t, np.stack([np.cos(2 * t), np.sin(2 * t)], axis=1))
@@ -297,8 +297,11 @@ def test_a_linear_structure_that_grows_a_little_is_noted():
     assert note.startswith(f"h = 0.25 is longer than the critical step {rotor.critical_step().limit:.4g} of EIG3")
     from_rest = rotor.with_(u0=[0.0, 0.0], v0=[0.0, 0.0])
     assert [x.notes[:1] for x in (from_rest.integrate(h=0.15), from_rest.integrate(h=0.25))] == [(), (note,)]
-    (of_members,) = rotor.with_(t_span=(0, 5000)).ensemble(h=[0.15, 0.25], save_every=None).notes
+    longer, steps = rotor.with_(t_span=(0, 5000)), {"h": [0.15, 0.25], "save_every": None}
+    (of_members,) = longer.ensemble(**steps).notes
     assert of_members == f"{note} This is member 1 of the 1 members that have grown."
+    assert longer.ensemble(**steps, save_to=tmp_path).notes == eig3.load(tmp_path).notes == (of_members,)
+    assert longer.ensemble(**steps, reduce=lambda part: part.notes) == [(of_members,)]
 
 
 def test_members_of_a_linear_structure_share_the_critical_step(monkeypatch):

@@ -23,6 +23,7 @@ _KIND = "ensemble"
 #: The file of a directory with all members at their start.
 WHOLE = "ensemble.npz"
 _RECIPE, _PARTS = "recipe.npz", "part-*.npz"  # what determines the result, and the finished parts
+_NOTES = "notes.npz"  # the notes about all members
 _ERROR = "error.npz"  # the ensembles that a finished ensemble is compared with
 
 
@@ -70,6 +71,10 @@ class Directory:
     def put(self, part: Any) -> None:
         """Write a part."""
         save(part, self._file(part.first))
+
+    def keep_notes(self, method: Any, notes: tuple[str, ...]) -> None:
+        """Write the notes about all members, which no part has."""
+        storage.write("notes", {"method": method, "notes": notes}, self.path / _NOTES)
 
     def keep_error(self, solution: Any) -> None:
         """Write the estimated errors of the finished ensemble."""
@@ -119,6 +124,8 @@ def whole_in(path: Path) -> Any:
             whole._place(storage.load(part))
         except ValueError:
             whole.notes = (*whole.notes, f"{part.name} is damaged: its members have not run, and resume runs them.")
+    if (path / _NOTES).is_file():
+        whole.notes = (*dict.fromkeys((*whole.notes, *storage.fields_in(path / _NOTES)["notes"])),)
     return with_error(whole, path)
 
 

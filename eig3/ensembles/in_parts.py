@@ -25,7 +25,7 @@ from .recipe import differing, marks, restored
 from .shipping import check_executor, march_parts
 from .single_members import Singles
 from .solution import EnsembleSolution, Reduce
-from .step_notes import add_step_notes
+from .step_notes import step_notes
 
 
 def run_in_parts(
@@ -50,15 +50,27 @@ def run_in_parts(
         start._resume = partial(_resumed, rhs, members, options, place) if place else None
         results = joined = Joined(start, place)
         left = joined.left(parts)
-    march = partial(_march, rhs, options)
+    march = partial(_march if reduce is None else _march_with_notes, rhs, options)
     found = march_parts(left, march, reduce, results, executor, threads, progress, cancel)
     if reduce is None:
-        add_step_notes(found, Singles(rhs, members, options), members, options)
+        notes = step_notes(found, Singles(rhs, members, options), members, options)
+        found.notes += notes
+        if place:
+            place.keep_notes(options.method, notes)
     return found
 
 
 def _march(rhs: Any, options: RunOptions, members: Members, threads: int, cancel: Cancel | None) -> EnsembleSolution:
     return Run(rhs, members, options, threads, is_part=True).march(cancel=cancel)
+
+
+def _march_with_notes(
+    rhs: Any, options: RunOptions, members: Members, threads: int, cancel: Cancel | None
+) -> EnsembleSolution:
+    """Run a part whose result nothing joins with the others."""
+    solution = _march(rhs, options, members, threads, cancel)
+    solution.notes += step_notes(solution, Singles(rhs, members, options), members, options)
+    return solution
 
 
 @with_solution

@@ -29,7 +29,7 @@ from .lanewise import in_lanes
 from .members import Members
 from .single_members import Alone, Singles
 from .solution import EnsembleSolution
-from .step_notes import add_step_notes
+from .step_notes import step_notes
 
 _ALONE = 16  # members in a task that runs them one at a time
 _PIECES = 4  # tasks for each thread, with tolerances
@@ -101,7 +101,7 @@ class Run:
                     self._march(Stop(interrupt, cancel), bar)
                 solution = self.solution()
             if not self.is_part:
-                add_step_notes(solution, self._single, self.members, self.options)
+                solution.notes += step_notes(solution, self._single, self.members, self.options)
         except BaseException as error:  # raised by rhs, or after Ctrl-C
             with DeferredInterrupt() as again:
                 error.solution = self.solution()  # type: ignore[attr-defined]

@@ -33,7 +33,7 @@ class MemberErrors:
     order : ndarray, shape (m,)
         The order that each member shows; NaN if it is not known.
     reliable_until : ndarray, shape (m,)
-        The time after which no digit of u is right; NaN if there is no such time.
+        The last saved time at which a digit of u is right, or -inf; NaN if it is the end.
     """
 
     def __init__(self, solution: Any, others: Sequence[tuple[Any, float]], starts: Mapping[str, np.ndarray]) -> None:

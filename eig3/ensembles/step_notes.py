@@ -23,13 +23,12 @@ from .solution import EnsembleSolution
 _MOST = 8  # members whose critical step is found, which takes longer than a thousand steps in lanes
 
 
-def add_step_notes(solution: EnsembleSolution, single: Singles, members: Members, options: RunOptions) -> None:
-    """Add the notes on angles, contacts and growth that single runs have."""
-    solution.notes += (*islice(_half_turns(solution, single.rhs, members), 1),)
+def step_notes(solution: EnsembleSolution, single: Singles, members: Members, options: RunOptions) -> tuple[str, ...]:
+    """Return the notes on angles, contacts and growth that single runs have."""
+    notes = [*islice(_half_turns(solution, single.rhs, members), 1)]
     if options.tolerances:
-        solution.notes += (*filter(None, [_limited_ways(solution, single, members, options.tolerances)]),)
-        return
-    notes = []
+        notes.append(_limited_ways(solution, single, members, options.tolerances))
+        return (*filter(None, notes),)
     if links := links_of(options.events) if options.events else ():
         notes.append(coarse_events(members.steps, solution.events, links, members.first))
     if cutoffs := mark(single.rhs, "cutoffs"):
@@ -38,7 +37,7 @@ def add_step_notes(solution: EnsembleSolution, single: Singles, members: Members
         notes.append(long_ways(members.steps, speeds, cutoffs.least(members.params), members.first))
     if np.maximum.reduce(members.n_steps) >= VERY_MANY_STEPS:  # the search takes far longer than a short ensemble
         notes.append(_instability(solution, single, members))
-    solution.notes += (*filter(None, notes),)
+    return (*filter(None, notes),)
 
 
 def _limited_ways(solution: EnsembleSolution, single: Singles, members: Members, tolerances: Tolerances) -> str:

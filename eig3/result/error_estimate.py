@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..functions.extremes import Extremes
+from .status import Status
 
 _LOWEST, _HIGHEST = 0.25, 30.0  # range of the observed orders
 _BELOW = 0.6  # least difference between the order of the method and an observed order that is reported as lower
@@ -26,6 +27,7 @@ _LEAST_RATIO = 2.0  # least factor by which the error decreases with a tenth of 
 _ROUND_OFF = 1e-12  # smaller differences, relative to the motion, may be round-off
 _SMALL = 1e-6  # a degree of freedom that moves less, relative to the largest motion, has no own scale
 _CONVERGING = 0.2  # the orders are measured up to this difference from the coarser run, relative to the motion
+_ROUNDING = 2 * np.finfo(float).eps  # relative error of a path by round-off; all runs may have it, as of coefficients
 _NEAR_ROUND_OFF = "The differences of the runs are near round-off: shorter steps do not help."
 _STEPS = {"two thirds of": 2 / 3, "half": 1 / 2, "twice": 2.0, "four times": 4.0}  # of compared runs, as ratios
 _CLEAR = 0.1  # largest difference from the order of the method with which coarser runs alone give the error
@@ -39,6 +41,7 @@ _FEW_MORE = 0.3  # a smaller part of the further steps that the order lets expec
 _WINDOWS = 16  # parts of the run whose orders are compared
 _GROWING = 1e-10, 0.1  # range of the relative errors in which a rate of growth is measured,
 _FEWEST = 8  # from at least this number of states
+_FEW_STATES = 64  # fewer saved states hardly show up to when digits are right
 _SMALL_ERROR, _LARGE_DRIFT = 0.01, 0.1  # relative: an estimated error and a drift that contradict each other
 
 
@@ -51,18 +54,20 @@ class ErrorEstimate:
     t : ndarray, shape (m,)
         The times of the saved states.
     u, v : ndarray, shape (m,) or (m, n)
-        NaN after the end of the compared run, if it ended before, and in u for what only events change.
+        After the end of the compared run, they are NaN, or infinite if it failed. NaN in u for what only events change.
     outputs, z : dict of str to ndarray
         As in the solution. Members of an ensemble with tolerances have them if they save only their ends, or with
         `t_eval`.
     drift : dict of str to float
     extremes : dict of str to Extremes
+        Without the errors of peaks between the ends of two steps.
     events : dict of str to ndarray
         The errors of the times of the occurrences that both runs have.
     order : float or None
         The order that the run shows; None with tolerances, or if no coarser run could be compared.
     reliable_until : float or None
-        The time after which no digit of u is right; None if there is no such time.
+        The last saved time at which a digit of u is right, or -inf; None if it is the end. A run that has saved few
+        states is repeated with more states to find it.
     by : str
         What the run was compared with.
     coarser : float or None
@@ -93,10 +98,11 @@ class ErrorEstimate:
 
     def __str__(self) -> str:
         order = "" if self.order is None else f", which show the order {self.order:.1f}"
-        until, u = "", self.u
-        if self.reliable_until is not None:
-            until, u = f" before t = {self.reliable_until:.4g}", u[self.t < self.reliable_until]
-        return f"error of u at most {_largest(u):.2g}{until} (estimated from {self.by}{order})"
+        what, until = f"error of u at most {_largest(self.u):.2g}", self.reliable_until
+        if until is not None:
+            largest = _largest(self.u[self.t <= until])
+            what = f"error of u at most {largest:.2g} up to t = {until:.4g}" if largest else "no digit of u is right"
+        return f"{what} (estimated from {self.by}{order})"
 
     __repr__ = __str__
 
@@ -168,6 +174,23 @@ class Companion:
         u, v = other._interpolated(solution.t[rows])
         return cls(other, ratio, rows, None, u, v, is_fixed=False)
 
+    def with_end(self, solution: Any) -> Companion:
+        """Return a companion that has a state at the end of the run too, if a terminal event ended both."""
+        other, last = self.solution, len(solution.t) - 1
+        if not solution.status is other.status is Status.TERMINATED or _last_event(solution).t[-1] != solution.t[-1]:
+            return self
+        end, a = _last_event(other), solution.a
+        dt = solution.t[-1] - end.t[-1]  # of the order of the error
+        state = end.u_after[-1] + dt * end.v_after[-1], end.v_after[-1] + dt * (np.nan if a is None else a[-1])
+        before = slice(np.searchsorted(self.rows, last))
+        u, v = (np.append(x[before], [y], axis=0) for x, y in zip((self.u, self.v), state, strict=True))
+        return replace(self, rows=np.append(self.rows[before], last), u=u, v=v)
+
+
+def _last_event(solution: Any) -> Any:
+    """Return the occurrences of the event that occurred last."""
+    return max(filter(len, solution.events.values()), key=lambda found: found.t[-1])
+
 
 def _are_at_resets(t: np.ndarray) -> np.ndarray:
     """Return which states are before and after a reset. There a companion has one state, before or after its reset."""
@@ -180,6 +203,7 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
 
     If `coarser` is known, see `ErrorEstimate`, `fine` may be a coarser run, and another one only gives its name.
     """
+    fine, coarse = fine.with_end(solution), coarse and coarse.with_end(solution)
     order = solution.method.order if fine.is_fixed else None
     scale = _scale(solution)
     first = (_at(fine.rows, solution.u) - fine.u) / scale
@@ -208,13 +232,16 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
         notes.append(f"The compared run, {fine.name}, ended early: {fine.solution.message}")
 
     def errors(values: np.ndarray, others: np.ndarray) -> np.ndarray:
-        found = _at(fine.rows, values) - others
+        rows = fine.rows[: len(others)]
+        found = _at(rows, values) - others
         found *= factor
-        return _everywhere(solution.t, fine.rows, found)
+        return _everywhere(solution.t, rows, found, np.nan if fine.solution.success else np.inf)
 
     u = errors(solution.u, fine.u)
     u[..., np.isinf(scale)] = np.nan
-    until, note = _reliable_until(solution, u, scale)
+    if _NEAR_ROUND_OFF not in notes and _is_near_round_off(solution, u):
+        notes.append(_NEAR_ROUND_OFF)
+    until, note = _reliable_until(solution, u if fine.solution.success else np.where(np.isinf(u), np.nan, u), scale)
     notes += [note] if note else []
     own, other = fine.own, fine.solution
     at_states = own is not None
@@ -267,9 +294,7 @@ def losses(solution: Any, error: ErrorEstimate, starts: Mapping[str, float]) -> 
     A method may damp a fast motion away in all compared runs, which then agree. `starts` are the values of the
     invariants at the start.
     """
-    scale = _scale(solution)
-    size = np.max(scale, where=np.isfinite(scale), initial=0.0)
-    if error.reliable_until is not None or error.largest["u"] >= _SMALL_ERROR * size:
+    if error.reliable_until is not None or _is_large(solution, error):
         return
     for name, start in starts.items():
         drift, found = solution.drift[name], solution.extremes[name]
@@ -280,6 +305,16 @@ def losses(solution: Any, error: ErrorEstimate, starts: Mapping[str, float]) -> 
                 f"{solution.method.label} may have damped a fast motion away in all compared runs, or {name} is no "
                 "invariant of this motion; compare with a much shorter step."
             )
+
+
+def may_be_lost(solution: Any, error: ErrorEstimate) -> bool:
+    """Return whether no digit may be right before the end, although the error in a few states may not show it."""
+    return bool(error.notes) and len(solution.t) < min(_FEW_STATES, solution.n_steps) and _is_large(solution, error)
+
+
+def _is_large(solution: Any, error: ErrorEstimate) -> bool:
+    scale = _scale(solution)
+    return bool(error.largest["u"] >= _SMALL_ERROR * np.max(scale, where=np.isfinite(scale), initial=0.0))
 
 
 def _scale(solution: Any) -> Any:
@@ -350,7 +385,8 @@ class Differences(NamedTuple):
         apart = np.flatnonzero(~(norms[1] < _CONVERGING))
         count = apart[0] if len(apart) and apart[0] > 1 else len(rows)
         products = np.einsum("ij,ij->i", *(x[:count] for x in relative))
-        return cls(solution.t[rows[:count]], norms[0][:count], norms[1][:count], products, count == len(rows) > 1)
+        is_whole = not len(apart) and len(rows) > 1
+        return cls(solution.t[rows[:count]], norms[0][:count], norms[1][:count], products, is_whole)
 
     def ratio(self, some: slice = slice(None)) -> float | None:
         """The ratio of the differences in some of the states; None if it is not known."""
@@ -380,6 +416,13 @@ def _by_tolerances(seen: float | None, is_tiny: bool, notes: list[str]) -> float
         "chaotic or have kinks, or no step may have seen a short event."
     )
     return 1 / (1 - 1 / _LEAST_RATIO)
+
+
+def _is_near_round_off(solution: Any, u: np.ndarray) -> bool:
+    """Return whether round-off of the size and the path of the motion may be larger than these errors."""
+    span = solution.t[-1] - solution.t[0]
+    paths = _largest_of_each(solution.u) + span * _largest_of_each(solution.v)
+    return bool(np.all(_largest_of_each(u) <= _ROUNDING * paths))
 
 
 def _is_limited(solution: Any, fine: Companion) -> bool:
@@ -449,14 +492,17 @@ class PlainErrors(NamedTuple):
         with np.errstate(all="ignore"):  # members that failed
             relative = [(u - x.u.reshape(u.shape)) / scale[:, None] for x, _ in others]
             near, distances = relative[0], [np.sqrt(np.einsum("ijk,ijk->ij", x, x)) for x in relative]
-            largest = np.abs(near).max(axis=(1, 2))
+            of_each = np.abs(near).max(axis=1)
+            largest = of_each.max(axis=1)
             chosen = np.logical_and.reduce([solution.success, *(x.success for x, _ in others)])
             factor, order = np.ones(m), np.full(m, np.nan)
             if coarse is not None:
                 seen = np.divide(*(np.sqrt(np.einsum("ij,ij->i", x, x)) for x in reversed(distances)))
                 factor, order, is_clear = _factors(solution, seen, fine, coarse)
                 chosen &= is_clear & (largest >= _ROUND_OFF) & (distances[1] < _CONVERGING).all(axis=1)
-            chosen &= largest * factor < _NO_DIGIT
+            span, speeds = solution.t[:, -1:] - solution.t[:, :1], np.abs(solution.v).reshape(u.shape).max(axis=1)
+            is_seen = factor[:, None] * of_each * scale > _ROUNDING * (sizes + span * speeds)
+            chosen &= (largest * factor < _NO_DIGIT) & is_seen.any(axis=1)
             pairs = {name: (getattr(solution, name), getattr(fine[0], name)) for name in ("u", "v")}
             for kind in ("outputs", "z", "drift"):
                 pairs |= {name: (x, getattr(fine[0], kind)[name]) for name, x in getattr(solution, kind).items()}
@@ -497,7 +543,7 @@ def _lower(label: str, differences: Differences, ratios: tuple[float, float], ob
         seen = differences.ratio(some)
         if seen and _order(seen, *ratios) >= order - _BELOW:
             begin = t[min(some.stop, len(t) - 1)]
-    since = "" if begin == t[0] else f" from t = {begin:.4g} on"
+    since = "" if begin in (t[0], t[-1]) else f" from t = {begin:.4g} on"
     return (
         f"The run shows the order {observed:.1f}{since}, and {label} has the order {order}. It is lower if rhs has "
         "kinks or jumps, as from contacts, friction, impacts and records with corners, if h is still long for the "
@@ -511,11 +557,11 @@ def _windows(count: int) -> Iterator[slice]:
     return (slice(a, b) for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
 
 
-def _everywhere(t: np.ndarray, rows: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Return the errors of all saved states: interpolated between the common states, and NaN after the last."""
+def _everywhere(t: np.ndarray, rows: np.ndarray, errors: np.ndarray, after: float) -> np.ndarray:
+    """Return the errors of all saved states: interpolated between the common states, and `after` after the last."""
     if len(rows) == len(t):
         return errors
-    found = np.full((len(t), *errors.shape[1:]), np.nan)
+    found = np.full((len(t), *errors.shape[1:]), after)
     distances = np.diff(rows)
     if len(distances) and (distances == distances[0]).all():
         k, changes = int(distances[0]), np.diff(errors, axis=0)
@@ -531,7 +577,7 @@ def _everywhere(t: np.ndarray, rows: np.ndarray, errors: np.ndarray) -> np.ndarr
 
 
 def _reliable_until(solution: Any, u: np.ndarray, scale: Any) -> tuple[float | None, str]:
-    """Return the time after which no digit is right, and a sentence about the growth of the error.
+    """Return the last time at which a digit is right, and a sentence about the growth of the error.
 
     The error is compared with the motion up to each time: an angle may turn over many times later. A degree of freedom
     that has hardly begun to move, such as at the front of a wave, is compared with the others.
@@ -544,10 +590,12 @@ def _reliable_until(solution: Any, u: np.ndarray, scale: Any) -> tuple[float | N
     wrong = np.flatnonzero(relative >= _NO_DIGIT)
     if not len(wrong):
         return None, ""
-    until = float(t[wrong[0]])
+    until = float(t[wrong[0] - 1]) if wrong[0] else -math.inf
     largest = np.maximum.accumulate(np.nan_to_num(relative[: wrong[0]]))
     some = np.flatnonzero((largest > _GROWING[0]) & (largest < _GROWING[1]))
-    sentence = f"No digit of u is right from t = {until:.4g} on."
+    sentence = f"No digit of u is right after t = {until:.4g}."
+    if wrong[0] <= 1:
+        sentence = f"No digit of u is right at t = {t[wrong[0]]:.4g}, and no state is saved that shows since when."
     if len(some) < _FEWEST or t[some[0]] <= t[0]:
         return until, sentence
     log = np.log(largest[some])

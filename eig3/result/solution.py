@@ -202,7 +202,7 @@ class Solution:
 
     @property
     def reliable_until(self) -> float | None:
-        """The time after which no digit of u is right; None if there is none, or the run has not been checked."""
+        """The last saved time at which a digit of u is right; None if it is the end, or the run is not checked."""
         return None if self.error is None else self.error.reliable_until
 
     def explain(self) -> str:

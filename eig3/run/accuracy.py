@@ -407,5 +407,6 @@ def _right_until(solution: Solution) -> float:
 def why(error: Any) -> str:
     """Return the reason why a shorter step does not help, from the estimated errors; None for the drift alone."""
     if error and error.reliable_until is not None:
-        return f"no digit of u is right after t = {error.reliable_until:.4g}, as in a chaotic motion"
+        since = f"after t = {error.reliable_until:.4g}" if error.reliable_until > error.t[0] else "at the end"
+        return f"no digit of u is right {since}, as in a chaotic motion"
     return "round-off, or kinks of the motion, limit the error"

@@ -22,7 +22,7 @@ from ..functions.events import Event
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..kernels.protocol import EVALUATIONS, ITERATIONS, NEXT, RESTING, TERMINAL, VECTOR
 from ..methods import Method
-from ..result.error_estimate import ErrorEstimate, losses
+from ..result.error_estimate import ErrorEstimate, losses, may_be_lost
 from ..result.memory import check_error
 from ..result.solution import Solution, Status
 from ..result.storage import Place
@@ -33,6 +33,7 @@ from .progress import Progress
 
 _CHUNK_SECONDS = 0.1  # duration of a chunk of steps, after which the run is checked
 COMPLETED = "The run reached the end of its span."
+_STATES, _VALUES = 1024, 2**22  # states of a run that shows up to when digits are right, and most values of u in them
 _LEAST_STEPS = 100  # between two checks for entries of a that rhs does not write, to limit their cost
 _FAST = 1e3  # a growth above this is not called slow
 _MOST_JOINED = 2**27  # bytes of states in files that `extend` copies into memory
@@ -145,6 +146,10 @@ class Run:
         With a fixed step, the further run is a coarser one. With tolerances it is a finer one: the factor differs much
         from one start to the next, and it hardly matters for the difference from a finer run.
         """
+        raise NotImplementedError
+
+    def with_states(self, count: int) -> Run:
+        """Return the same run, which has not begun and will save about this number of states."""
         raise NotImplementedError
 
     def state(self) -> dict[str, Any]:
@@ -423,12 +428,21 @@ class Run:
         check_error(solution.t, solution.u, solution.v, *solution.outputs.values(), *solution.z.values())
         try:
             error = self.error_of(solution, cancel) if coarser is None else self.error_by(coarser, solution, cancel)
+            if may_be_lost(solution, error):
+                error = self._with_time(error, cancel)
         except _InterruptedComparisonError:
             return None
         look = self.stepper.look
         invariants = look.followed.invariants if look else {}
         starts = {name: look.start_of(k) for name, k in invariants.items() if look.followed.work[k] < 0}
         return replace(error, notes=(*error.notes, *losses(solution, error, starts)))
+
+    def _with_time(self, error: ErrorEstimate, cancel: Cancel | None) -> ErrorEstimate:
+        """Return an error with the time up to which digits are right, from the same run with more saved states."""
+        run = self.with_states(max(2, min(_STATES, _VALUES // self.stepper.n)))
+        other = run.error_of(compared(run.begin, cancel), cancel)
+        until = error.reliable_until if other.reliable_until is None else other.reliable_until
+        return replace(error, reliable_until=until, notes=other.notes)
 
     def _keep(self) -> None:
         """Write the results so far at intervals: they remain if the process is killed."""

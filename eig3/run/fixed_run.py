@@ -131,20 +131,30 @@ class FixedRun(Run):
         stepper, n_steps = self.stepper, self.n_steps * steps // 4
         if not n_steps:
             return None
-        h = stepper.h * 4 / steps
-        every = None
+        h, t_end, every = stepper.h * 4 / steps, self.t_end, None
+        is_whole = n_steps * 4 == self.n_steps * steps
         if self.save_every is not None:
             every = stride(self.save_every, self.n_steps) * steps
             every //= math.gcd(every, 4)  # with a remainder, the companion does not have all of the states
-        t_end = self.t_end if n_steps * 4 == self.n_steps * steps else stepper.t0 + n_steps * h
+            t_end = t_end if is_whole else stepper.t0 + n_steps * h
+        elif not is_whole:  # a little longer steps lead to the end too
+            h = (t_end - stepper.t0) / n_steps
         times = None if self.times is None else self.times[self.times <= t_end]
-        start = *stepper.start, guarded(stepper.p), times
-        other = Stepper.of(stepper.system, stepper.t0, h, *start)
+        found = compared(self._repeated(h, n_steps, t_end, every, times).begin, cancel)
+        companion = Companion.at_same_steps(solution, found, h / stepper.h)
+        return companion if len(companion.rows) > 1 or found.status is not Status.COMPLETED else None
+
+    def _repeated(self, h: float, n_steps: int, t_end: float, every: int | None, times: np.ndarray | None) -> FixedRun:
+        """Return a run from the same start, which has not begun."""
+        stepper = self.stepper
+        other = Stepper.of(stepper.system, stepper.t0, h, *stepper.start, guarded(stepper.p), times)
         run = FixedRun(other, n_steps, t_end, every, times)
         run.growth.may_be_motion = self.is_suspect
-        found = compared(run.begin, cancel)
-        companion = Companion.at_same_steps(solution, found, 4 / steps)
-        return companion if len(companion.rows) > 1 else None
+        return run
+
+    def with_states(self, count: int) -> FixedRun:
+        times = None if self.times is None else np.linspace(self.stepper.t0, self.t_end, count)
+        return self._repeated(self.stepper.h, self.n_steps, self.t_end, max(1, self.n_steps // count), times)
 
     def state(self) -> dict[str, Any]:
         return super().state() | {

@@ -125,17 +125,26 @@ class VariableRun(Run):
         system, times = stepper.system, self.times
         if times is None and self._compares_at_times:
             system, times = system.at_times, np.unique(solution.t)  # a state before and one after a reset have one time
-        start = *stepper.start, guarded(stepper.p)
-        other = VariableStepper(system, (stepper.t0, stepper.t_end), *start, tolerances, times)
         found = None
         with contextlib.suppress(Exception):  # a `Run` raises it again
+            other = self._repeated(system, tolerances, 1, times).stepper
             found = None if cancel else short_with_tolerances(other, 1, times)
         if found is None:
-            other = VariableStepper(system, (stepper.t0, stepper.t_end), *start, tolerances, times)
-            found = compared(VariableRun(other, 1, times).begin, cancel)
+            found = compared(self._repeated(system, tolerances, 1, times).begin, cancel)
         if times is None:
             return Companion.between_steps(solution, found, ratio)
         return Companion.at_same_times(solution, found, ratio)
+
+    def _repeated(self, system: System, tolerances: Tolerances, every: int, times: np.ndarray | None) -> VariableRun:
+        """Return a run from the same start, which has not begun."""
+        stepper = self.stepper
+        span, start = (stepper.t0, stepper.t_end), (*stepper.start, guarded(stepper.p))
+        return VariableRun(VariableStepper(system, span, *start, tolerances, times), every, times)
+
+    def with_states(self, count: int) -> VariableRun:
+        stepper = self.stepper
+        times = None if self.times is None else np.linspace(stepper.t0, stepper.t_end, count)
+        return self._repeated(stepper.system, stepper.tolerances, max(1, stepper.index // count), times)
 
     @property
     def _compares_at_times(self) -> bool:
