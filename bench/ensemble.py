@@ -28,7 +28,7 @@ from eig3.methods import METHODS
 from . import text
 from .choices import add_problems, add_repeats, choose
 from .ensemble_cases import CASES, CASES_WITH_TOLERANCES, SAMPLES, Case
-from .ensemble_rivals import ENSEMBLE_RIVALS, Run, jax_eig3
+from .ensemble_rivals import ENSEMBLE_RIVALS, Contestant, Run, jax_eig3
 from .ensemble_tolerances import tolerance_tables
 from .environment import in_words
 from .rivals.rival import is_installed
@@ -47,7 +47,6 @@ _REFERENCE = 64  # the stability limit of RK8 over the step of the reference
 _SAMPLES = SAMPLES - 1  # steps of the reference, or a multiple, so that they end at the samples of a record
 _LEAST_RTOL = 1e-13  # of the reference with tolerances
 _SAVED = 100  # states of the reference, for the largest displacement
-_TOLERANCES = tuple(10 ** (-k / 2) for k in range(4, 27))
 _LONGEST = 5.0  # s: a rival that would take longer runs with fewer members
 
 SPEED_HEADER = [
@@ -223,16 +222,6 @@ def _with_cpu(call: Callable[[], object], cpu: list[float]) -> float:
 
 
 @dataclass(frozen=True)
-class Contestant:
-    """A method or a rival. ``prepare(case, m)(setting)`` returns a run; the first settings are the fastest."""
-
-    label: str
-    is_ours: bool
-    settings: Sequence[float]
-    prepare: Callable[[Case, int], Callable[[Any], Run]]
-
-
-@dataclass(frozen=True)
 class Found:
     """The seconds of a contestant at its fastest setting that reaches the accuracy, or the word that says why not."""
 
@@ -245,17 +234,16 @@ class Found:
 
 def contestants(case: Case) -> list[Contestant]:
     fixed = [
-        Contestant(METHODS[name]().label, True, _steps(case, name), partial(_ours, name))
+        Contestant(METHODS[name]().label, partial(_ours, name), _steps(case, name))
         for name in ACCURACY_METHODS
         if case.by_hand
     ]
     controlled = [
-        Contestant(f"{METHODS[name]().label}, tolerances", True, _TOLERANCES, partial(_with_tolerances, name))
+        Contestant(f"{METHODS[name]().label}, tolerances", partial(_with_tolerances, name))
         for name in TOLERANCE_METHODS
     ]
     rivals = [rival for rival in ENSEMBLE_RIVALS if rival.is_installed and not rival.cannot(case)]
-    others = [Contestant(rival.label, False, _TOLERANCES, rival.prepare) for rival in rivals]
-    return [*fixed, *controlled, *others]
+    return [*fixed, *controlled, *rivals]
 
 
 def _steps(case: Case, method: str) -> list[int]:

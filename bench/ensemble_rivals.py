@@ -25,17 +25,23 @@ from .timing import seconds_of
 #: A run of all members, which returns their displacements at the end, of shape (m, n).
 Run = Callable[[], np.ndarray]
 
+TOLERANCES = tuple(10 ** (-k / 2) for k in range(4, 27))
 _CHUNK = 500  # members that diffrax integrates together: the members of a chunk wait for the slowest one
 _TRIAL = 128  # members for the choice of heyoka's batch size
 
 
 @dataclass(frozen=True)
-class EnsembleRival:
-    """A package. ``prepare(case, m)(tolerance)`` returns a run to the end of the span of the problem."""
+class Contestant:
+    """A method or a package. ``prepare(case, m)(setting)`` returns a run to the end of the span of the problem."""
 
     label: str
-    package: str
-    prepare: Callable[[Case, int], Callable[[float], Run]]
+    prepare: Callable[[Case, int], Callable[[Any], Run]]
+    settings: Sequence[float] = TOLERANCES  # the fastest first
+    package: str = ""  # empty for a method of the library
+
+    @property
+    def is_ours(self) -> bool:
+        return not self.package
 
     @property
     def is_installed(self) -> bool:
@@ -255,10 +261,10 @@ def _diffrax(method: str, case: Case, m: int) -> Callable[[float], Run]:
 
 
 ENSEMBLE_RIVALS = (
-    EnsembleRival("heyoka, batches in threads", "heyoka", partial(_heyoka_batches, os.cpu_count() or 1)),
-    EnsembleRival("heyoka, batches in a loop", "heyoka", partial(_heyoka_batches, 1)),
-    EnsembleRival("heyoka, ensemble of batches", "heyoka", _heyoka_ensemble_of_batches),
-    EnsembleRival("heyoka, ensemble", "heyoka", _heyoka_ensemble),
-    EnsembleRival("diffrax Tsit5", "diffrax", partial(_diffrax, "Tsit5")),
-    EnsembleRival("diffrax Dopri8", "diffrax", partial(_diffrax, "Dopri8")),
+    Contestant("heyoka, batches in threads", partial(_heyoka_batches, os.cpu_count() or 1), package="heyoka"),
+    Contestant("heyoka, batches in a loop", partial(_heyoka_batches, 1), package="heyoka"),
+    Contestant("heyoka, ensemble of batches", _heyoka_ensemble_of_batches, package="heyoka"),
+    Contestant("heyoka, ensemble", _heyoka_ensemble, package="heyoka"),
+    Contestant("diffrax Tsit5", partial(_diffrax, "Tsit5"), package="diffrax"),
+    Contestant("diffrax Dopri8", partial(_diffrax, "Dopri8"), package="diffrax"),
 )

@@ -46,7 +46,7 @@ def reference(problem: Problem, omega: float) -> Reference:
     """
     if problem not in _known:
         if problem.exact:
-            _known[problem] = _exact(problem)
+            _known[problem] = exact_reference(problem)
         elif problem.name == "hertz_impact":
             _known[problem] = _hertz(problem)
         elif problem.name in EXPRESSIONS and np.size(problem.u0) <= _FEW and is_installed("heyoka"):
@@ -56,7 +56,8 @@ def reference(problem: Problem, omega: float) -> Reference:
     return _known[problem]
 
 
-def _exact(problem: Problem) -> Reference:
+def exact_reference(problem: Problem) -> Reference:
+    """The exact solution of a problem that has one."""
     exact = problem.exact
     assert exact is not None
     return Reference(lambda t: exact(t)[0], "exact solution", 1e-12)  # the round-off of sines of phases up to 1e4

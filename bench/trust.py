@@ -26,7 +26,7 @@ from eig3.result.solution import Solution
 from . import pictures, text
 from .choices import add_problems, add_repeats, choose
 from .problem_set import PROBLEM_SET, VARIABLE_SPEED
-from .reference import Judge, reference
+from .reference import Judge, Reference, exact_reference, reference
 from .timing import medians, seconds_of
 
 if TYPE_CHECKING:
@@ -47,8 +47,6 @@ _TRIALS = 12  # bisections of the tolerance by hand
 _STEPS = 2000  # of the first run, if the problem names no step
 _FIRST = 0.5  # omega h of the first run with a fixed step
 _CERTAIN = 10.0  # least error that is compared, relative to the uncertainty of the reference
-
-Truth = Callable[[np.ndarray], np.ndarray]
 
 #: Problems besides the sets of `eig3 bench precision`: whether they are smooth, and what builds them.
 FURTHER: dict[str, tuple[bool, Callable[[], Problem]]] = {
@@ -108,11 +106,10 @@ def benchmark(
         if name in FURTHER:
             is_smooth, build = FURTHER[name]
             problem = build()
-            found += _runs(problem, problem.h or _span(problem) / _STEPS, name, *_own_truth(problem), is_smooth)
+            found += _runs(problem, problem.h or _span(problem) / _STEPS, name, _own_truth(problem), is_smooth)
         else:
             problem, omega = of_set[name].build(), of_set[name].omega
-            truth = reference(problem, omega)
-            found += _runs(problem, _FIRST / omega, name, truth.u, truth.uncertainty, name not in _KINKED)
+            found += _runs(problem, _FIRST / omega, name, reference(problem, omega), name not in _KINKED)
     timed = [name for name in names if name in of_set and of_set[name].tolerances and name not in _KINKED]
     costs = [row for name in timed for row in _costs(name, of_set[name].build(), repeats)]
     text.status("")
@@ -168,16 +165,14 @@ def render(found: Sequence[Checked]) -> str:
 _HEADER = ["problem", "runs", "true errors", "within 2", "within 3", "with notes", "least ratio without", "largest"]
 
 
-def _runs(
-    problem: Problem, h: float, name: str, truth: Truth, uncertainty: float, is_smooth: bool
-) -> Iterator[Checked]:
+def _runs(problem: Problem, h: float, name: str, truth: Reference, is_smooth: bool) -> Iterator[Checked]:
     """Yield the runs of a problem that succeed and whose true errors are known."""
-    least = max(_LEAST, _CERTAIN * uncertainty)
+    least = max(_LEAST, _CERTAIN * truth.uncertainty)
     for solution in _solutions(problem, h):
         text.status(f"{name}, {solution.method.label}")
         error = solution.check()
         assert error  # nothing interrupts it
-        true = np.abs(solution.u - truth(solution.t)).reshape(len(solution.t), -1)
+        true = np.abs(solution.u - truth.u(solution.t)).reshape(len(solution.t), -1)
         reliable = solution.t <= (math.inf if error.reliable_until is None else error.reliable_until)
         size = np.abs(solution.u).max()
         estimated, actual = (float(np.nanmax(np.abs(x[reliable]), initial=0.0) / size) for x in (error.u, true))
@@ -215,18 +210,17 @@ def _span(problem: Problem) -> float:
     return problem.t_span[1] - problem.t_span[0]
 
 
-def _own_truth(problem: Problem) -> tuple[Truth, float]:
+def _own_truth(problem: Problem) -> Reference:
     """The exact motion, or by RK8 with a tiny tolerance, and its difference from a run with a larger one."""
     if problem.exact:
-        exact = problem.exact
-        return lambda t: exact(t)[0], 0.0
+        return exact_reference(problem)
 
     def u(t: np.ndarray, rtol: float = _TINY) -> np.ndarray:
         times, places = np.unique(t, return_inverse=True)  # a state before and one after a reset have one time
         return problem.integrate(rtol=rtol, method=RK8(), t_eval=times).u[places]
 
     t = np.linspace(*problem.t_span, _STATES)
-    return u, float(np.abs(u(t) - u(t, 10 * _TINY)).max() / np.abs(u(t)).max())
+    return Reference(u, f"RK8 at rtol {_TINY:g}", float(np.abs(u(t) - u(t, 10 * _TINY)).max() / np.abs(u(t)).max()))
 
 
 _COSTS = (

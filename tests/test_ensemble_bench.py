@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 
 from eig3 import problems
 from eig3.bench import ensemble, ensemble_million
-from eig3.bench.ensemble import TARGET, Contestant, Found, Reference
+from eig3.bench.ensemble import TARGET, Found, Reference
 from eig3.bench.ensemble_cases import CASES, CASES_WITH_TOLERANCES
-from eig3.bench.ensemble_rivals import ENSEMBLE_RIVALS, EnsembleRival, jax_eig3
+from eig3.bench.ensemble_rivals import ENSEMBLE_RIVALS, Contestant, jax_eig3
 from eig3.bench.ensemble_tolerances import sets, tolerance_tables
 from eig3.bench.rivals.general import first_order
 from eig3.cli import main
@@ -110,10 +110,10 @@ def test_a_setting_must_be_enough_for_all_members(monkeypatch):
 
         return at
 
-    contestant = Contestant("made up", False, (1, 2, 3, 4), prepare)
+    contestant = Contestant("made up", prepare, (1, 2, 3, 4), "a package")
     _, setting, ran = ensemble._search(contestant, case, 4, reference)
     assert (setting, ran) == (3, 4)
-    assert ensemble._search(Contestant("made up", False, (1, 2), prepare), case, 4, reference) is None
+    assert ensemble._search(Contestant("made up", prepare, (1, 2), "a package"), case, 4, reference) is None
 
 
 def test_a_member_that_diverged_has_no_accuracy():
@@ -139,7 +139,7 @@ def test_verdict_names_the_rivals_that_are_ahead():
 
 
 def test_command_without_rivals(capsys, monkeypatch):
-    monkeypatch.setattr(EnsembleRival, "is_installed", False)
+    monkeypatch.setattr(Contestant, "is_installed", False)
     monkeypatch.setattr(ensemble, "is_installed", lambda package: False)
     sizes = ["--members", "3", "--steps", "20", "--accurate", "3", "--repeats", "1"]
     main(["bench", "ensemble", "--problem", "duffing", *sizes])

@@ -12,7 +12,7 @@ import numpy as np
 from eig3.problem import Problem
 from eig3.result.solution import Solution
 
-from ..reference import Reference
+from ..reference import Reference, exact_reference
 
 _UNIT = 61  # a prime number: states at multiples of a period would hide an error of phase
 _HALVINGS = 4  # of the distance between states, for a small system
@@ -22,7 +22,7 @@ _SECONDS = 12.0  # for the runs of RK8, and a third of it for the runs of RK5
 _SMALL = 1e-3  # of two runs that differ by less, it is known how the next ones differ
 _SLOWLY = 0.7  # the factor of two differences, above which round-off or a force that is not smooth is in the way
 _AGREES = 0.1  # of the smallest accuracy
-_ROUND_OFF = 1e-12  # of an exact solution
+_ROUND_OFF = 1e-12  # runs that agree better are not halved
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,8 @@ def find_truth(problem: Problem, grid: Grid, smallest: float) -> Reference:
     ValueError
         If no run of RK8 reaches the end.
     """
-    exact = problem.exact
-    if exact:
-        return Reference(lambda t: exact(t)[0], "exact solution", _ROUND_OFF)
+    if problem.exact:
+        return exact_reference(problem)
     solution, uncertainty = _halved(problem, grid, smallest)
     difference, check = _checked(problem, grid, solution, max(uncertainty, _AGREES * smallest))
     beside = f"from which RK5 with {check} steps differs by {difference:.1g}"

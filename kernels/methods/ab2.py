@@ -13,17 +13,16 @@ PAST, ROWS, EVALUATIONS = 2, 5, 1
 
 
 @element
-def update(u, v, a, v_past, a_past, h):
-    return u + h * (1.5 * v - 0.5 * v_past), v - h / 2 * a_past + 1.5 * h * a
-
-
-@element
 def step(f, at, y, c, n):
     u, v, v_past, a_past, a = y
+    h = at.h
     f(at.t, u, v, at.p, a)
     for j in range(n):
         v_now = v[j]
-        u[j], v[j] = update(u[j], v_now, a[j], v_past[j], a_past[j], at.h)
+        u[j], v[j] = (
+            u[j] + h * (1.5 * v_now - 0.5 * v_past[j]),
+            v_now - h / 2 * a_past[j] + 1.5 * h * a[j],
+        )
         v_past[j] = v_now
     return (u, v, v_past, a, a_past), True
 

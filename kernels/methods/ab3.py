@@ -11,17 +11,15 @@ START, START_STEPS = "rk3", 2
 
 
 @element
-def update(u, v, a, v1, a1, v2, a2, h):
-    c = h / 12
-    return u + c * (23 * v - 16 * v1 + 5 * v2), v + c * (5 * a2 - 16 * a1) + c * 23 * a
-
-
-@element
 def step(f, at, y, c, n):
     u, v, v1, a1, v2, a2, a = y
+    c = at.h / 12
     f(at.t, u, v, at.p, a)
     for j in range(n):
         v_now = v[j]
-        u[j], v[j] = update(u[j], v_now, a[j], v1[j], a1[j], v2[j], a2[j], at.h)
+        u[j], v[j] = (
+            u[j] + c * (23 * v_now - 16 * v1[j] + 5 * v2[j]),
+            v_now + c * (5 * a2[j] - 16 * a1[j]) + c * 23 * a[j],
+        )
         v2[j] = v_now
     return (u, v, v2, a, v1, a1, a2), True

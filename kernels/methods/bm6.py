@@ -27,18 +27,13 @@ def start(u, v, a, h):
 
 
 @element
-def move(u, v, a, kick, drift):
-    """Return u and v after a kick and a drift. In this form, u waits for one operation after a only."""
-    return (u + drift * v) + drift * kick * a, v + kick * a
-
-
-@element
 def step(f, at, y, c, n):
     u, v, a = y
     for i in range(11):
         kick, drift = KICKS[i] * at.h, DRIFTS[i] * at.h
         for j in range(n):
-            u[j], v[j] = move(u[j], v[j], a[j], kick, drift)
+            # In this form, u has to wait for only one operation after a.
+            u[j], v[j] = (u[j] + drift * v[j]) + drift * kick * a[j], v[j] + kick * a[j]
         f(at.t + TIMES[i] * at.h, u, v, at.p, a)
     for j in range(n):
         v[j] += KICKS[11] * at.h * a[j]

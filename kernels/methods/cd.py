@@ -23,11 +23,6 @@ def move(u, w, a, h):
 
 
 @element
-def velocity(w, a, h):
-    return w + h / 2 * a
-
-
-@element
 def step(f, at, y, c, n):
     u, _, w, a = y
     for j in range(n):
@@ -40,7 +35,7 @@ def step(f, at, y, c, n):
 def complete(y, c, h, n):
     _, v, w, a = y
     for j in range(n):
-        v[j] = velocity(w[j], a[j], h)
+        v[j] = w[j] + h / 2 * a[j]
 
 
 def start(u, v, a, h):

@@ -19,18 +19,16 @@ def constants(settings, h, work):
 
 
 @element
-def update(u, v, a, a_past, c, h):
-    # The terms are grouped so that only one multiply-add for u has to wait for a, the result of the right-hand side.
-    c_now, c_past, b_now, b_past = c
-    return u + (h * v - c_past * a_past) + c_now * a, v - b_past * a_past + b_now * a
-
-
-@element
 def step(f, at, y, c, n):
     u, v, a_past, a = y
+    c_now, c_past, b_now, b_past = c
     f(at.t, u, v, at.p, a)
     for j in range(n):
-        u[j], v[j] = update(u[j], v[j], a[j], a_past[j], c, at.h)
+        # The terms are grouped so that only one multiply-add for u has to wait for a.
+        u[j], v[j] = (
+            u[j] + (at.h * v[j] - c_past * a_past[j]) + c_now * a[j],
+            v[j] - b_past * a_past[j] + b_now * a[j],
+        )
     return (u, v, a, a_past), True
 
 

@@ -12,23 +12,13 @@ ROWS, EVALUATIONS = 6, 2
 
 
 @element
-def stage(u, v, a1, h):
-    return u + h * v, v + h * a1
-
-
-@element
-def update(u, v, a1, a2, h):
-    return u + h * v + h * h / 2 * a1, v + h / 2 * a1 + h / 2 * a2
-
-
-@element
 def step(f, at, y, c, n):
     t, h, p = at.t, at.h, at.p
     u, v, u2, v2, a1, a2 = y
     f(t, u, v, p, a1)
     for j in range(n):
-        u2[j], v2[j] = stage(u[j], v[j], a1[j], h)
+        u2[j], v2[j] = u[j] + h * v[j], v[j] + h * a1[j]
     f(t + h, u2, v2, p, a2)
     for j in range(n):
-        u[j], v[j] = update(u[j], v[j], a1[j], a2[j], h)
+        u[j], v[j] = u[j] + h * v[j] + h * h / 2 * a1[j], v[j] + h / 2 * a1[j] + h / 2 * a2[j]
     return y, True

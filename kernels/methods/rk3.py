@@ -13,31 +13,19 @@ ROWS, EVALUATIONS = 7, 3
 
 
 @element
-def stage2(u, v, a1, h):
-    return u + h / 2 * v, v + h / 2 * a1
-
-
-@element
-def stage3(u, v, a1, a2, h):
-    return u + h * v + h * h * a1, v - h * a1 + 2 * h * a2
-
-
-@element
-def update(u, v, a1, a2, a3, h):
-    return u + h * v + h * h / 6 * (a1 + 2 * a2), v + h / 6 * (a1 + 4 * a2) + h / 6 * a3
-
-
-@element
 def step(f, at, y, c, n):
     t, h, p = at.t, at.h, at.p
     u, v, u_stage, v_stage, a1, a2, a3 = y
     f(t, u, v, p, a1)
     for j in range(n):
-        u_stage[j], v_stage[j] = stage2(u[j], v[j], a1[j], h)
+        u_stage[j], v_stage[j] = u[j] + h / 2 * v[j], v[j] + h / 2 * a1[j]
     f(t + h / 2, u_stage, v_stage, p, a2)
     for j in range(n):
-        u_stage[j], v_stage[j] = stage3(u[j], v[j], a1[j], a2[j], h)
+        u_stage[j], v_stage[j] = u[j] + h * v[j] + h * h * a1[j], v[j] - h * a1[j] + 2 * h * a2[j]
     f(t + h, u_stage, v_stage, p, a3)
     for j in range(n):
-        u[j], v[j] = update(u[j], v[j], a1[j], a2[j], a3[j], h)
+        u[j], v[j] = (
+            u[j] + h * v[j] + h * h / 6 * (a1[j] + 2 * a2[j]),
+            v[j] + h / 6 * (a1[j] + 4 * a2[j]) + h / 6 * a3[j],
+        )
     return y, True

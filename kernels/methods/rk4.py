@@ -9,24 +9,8 @@ v_{n+1} = v + h/6 (a_1 + 2 a_2 + 2 a_3 + a_4)
 """
 
 from ..compile.jit import element
-from .rk3 import stage2
 
 ROWS, EVALUATIONS = 8, 4
-
-
-@element
-def stage3(u, v, a1, a2, h):
-    return u + h / 2 * v + h * h / 4 * a1, v + h / 2 * a2
-
-
-@element
-def stage4(u, v, a2, a3, h):
-    return u + h * v + h * h / 2 * a2, v + h * a3
-
-
-@element
-def update(u, v, a1, a2, a3, a4, h):
-    return u + h * v + h * h / 6 * (a1 + a2 + a3), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
 
 @element
@@ -35,14 +19,17 @@ def step(f, at, y, c, n):
     u, v, u_stage, v_stage, a1, a2, a3, a4 = y
     f(t, u, v, p, a1)
     for j in range(n):
-        u_stage[j], v_stage[j] = stage2(u[j], v[j], a1[j], h)
+        u_stage[j], v_stage[j] = u[j] + h / 2 * v[j], v[j] + h / 2 * a1[j]
     f(t + h / 2, u_stage, v_stage, p, a2)
     for j in range(n):
-        u_stage[j], v_stage[j] = stage3(u[j], v[j], a1[j], a2[j], h)
+        u_stage[j], v_stage[j] = u[j] + h / 2 * v[j] + h * h / 4 * a1[j], v[j] + h / 2 * a2[j]
     f(t + h / 2, u_stage, v_stage, p, a3)
     for j in range(n):
-        u_stage[j], v_stage[j] = stage4(u[j], v[j], a2[j], a3[j], h)
+        u_stage[j], v_stage[j] = u[j] + h * v[j] + h * h / 2 * a2[j], v[j] + h * a3[j]
     f(t + h, u_stage, v_stage, p, a4)
     for j in range(n):
-        u[j], v[j] = update(u[j], v[j], a1[j], a2[j], a3[j], a4[j], h)
+        u[j], v[j] = (
+            u[j] + h * v[j] + h * h / 6 * (a1[j] + a2[j] + a3[j]),
+            v[j] + h / 6 * (a1[j] + 2 * a2[j] + 2 * a3[j] + a4[j]),
+        )
     return y, True
