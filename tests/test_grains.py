@@ -377,7 +377,6 @@ BAD_VALUES = {
     "others of HertzMindlin must be fixed points": lambda: pairs(
         lambda scene, a, b: scene.add(hertz_mindlin(), a, others=b)
     ),
-    "no mass of the scene has an inertia": lambda: masses()[1].angles(np.zeros(8)),
 }
 BAD_TYPES = {
     "HertzMindlin needs the radii of its points, or the contact_distance": lambda: hertz_mindlin(contact_distance=None),
