@@ -139,12 +139,13 @@ def test_a_rest_angle_may_be_negative():
 
     A field of a link may have the name angle.
     """
-    for law, rest in ((LinearSpring(0.2, -0.5), -0.5), (SpringAboutAngle(0.2, 0.5), 0.5)):
-        scene = Scene(2)
-        flat = scene.body(2.0, 0.3, [0.5, 0.0])
-        flat.revolute(None, [0.0, 0.0])
-        flat.torsional_spring(None, law)
-        run = scene.problem((0, 3)).integrate(rtol=1e-10)
+    scene, flats = Scene(2), {-0.5: LinearSpring(0.2, -0.5), 0.5: SpringAboutAngle(0.2, 0.5)}
+    for rest, law in flats.items():
+        flats[rest] = scene.body(2.0, 0.3, [0.5, 0.0])
+        flats[rest].revolute(None, [0.0, 0.0])
+        flats[rest].torsional_spring(None, law)
+    run = scene.problem((0, 3)).integrate(rtol=1e-10)
+    for rest, flat in flats.items():
         expected = rest * (1 - np.cos(np.sqrt(0.2 / INERTIA) * run.t))
         np.testing.assert_allclose(flat.rotation(run.u), expected, rtol=0, atol=1e-8)
 
