@@ -25,7 +25,7 @@ from eig3.bench.plan import Outcome
 from eig3.bench.problem_set import BenchmarkProblem
 from eig3.bench.report import own_problem, parts, true_motion
 from eig3.bench.report.comparison import Comparison, ratio_and_noise
-from eig3.bench.report.record import Record, RecordError
+from eig3.bench.report.record import Record
 from eig3.bench.rivals.general import scipy_form
 from eig3.bench.sweep import Point, WorkPrecisionSet
 from eig3.bench.text import ratio as in_digits
@@ -632,11 +632,6 @@ def test_a_users_problem_that_cannot_be_run_says_why(tmp_path, monkeypatch):
     monkeypatch.setattr("eig3.bench.report.true_motion._SECONDS", 0.0)
     with pytest.raises(ValueError, match=r"problem unbounded does not reach the end of t_span with RK8: .*non-finite"):
         eig3.report(unbounded, tmp_path)
-
-
-def test_a_folder_without_a_record_is_an_error(tmp_path):
-    with pytest.raises(RecordError, match=re.escape(f"{tmp_path} has no run.json")):
-        Record.open(tmp_path)
 
 
 def test_numbers_that_are_not_finite_are_null_in_json(tmp_path):
