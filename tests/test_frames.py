@@ -10,11 +10,12 @@ import xarray
 
 import eig3
 from eig3.animation.look import Look
-from eig3.effects import Gravity, LinearDamper, LinearSpring, Rod
+from eig3.effects import LinearDamper, LinearSpring, Rod
 from eig3.result.occurrences import Occurrences
 from eig3.scene import Scene
 
 from .conftest import coupled, oscillator, position
+from .test_constraint_lanes import G, double_pendulum
 
 
 @eig3.jit
@@ -119,17 +120,14 @@ def test_names_that_clash_are_refused():
 
 
 def test_the_values_of_an_output_have_the_names_of_its_joints(tmp_path):
-    """A rod hangs on a mass of 3 kg: its reaction is a force of 3 g, here as in a file, in a dataset and in members."""
-    scene = Scene(dimension=2)
-    masses = scene.mass([3.0, 3.0], [(0, -1), (2, -1)])
-    scene.add(Rod(), scene.fixed([(0, 0), (2, 0)]), masses)
-    scene.add(Gravity((0, -10.0)))
-    problem = scene.problem((0, 0.1))
+    """Each rod of a double pendulum at rest bears the weight below it: in a run, a file, a dataset and members."""
+    problem = double_pendulum().with_(u0=[0.0, 0.0, -0.4, -0.9], v0=np.zeros(4), t_span=(0, 0.1))
     assert problem.outputs["reactions"][1] == ("rod 0", "rod 1")
     run = problem.integrate(h=1e-2, outputs=problem.outputs)
-    assert abs(run.to_pandas()["reactions[rod 1]"].iloc[-1]) == pytest.approx(30.0)
-    assert abs(run.to_xarray().reactions.sel({"reactions component": "rod 0"})[-1]) == pytest.approx(30.0)
-    path, runs = run.save(tmp_path / "run"), problem.ensemble(v0=np.zeros((2, 4)), h=1e-2, outputs=problem.outputs)
+    assert abs(run.to_pandas()["reactions[rod 1]"].iloc[-1]) == pytest.approx(0.5 * G)
+    assert abs(run.to_xarray().reactions.sel({"reactions component": "rod 0"})[-1]) == pytest.approx(1.5 * G)
+    still = {"v0": np.zeros((80, 4)), "h": np.full(80, 1e-2)}  # in the loops of other double pendulums
+    path, runs = run.save(tmp_path / "run"), problem.ensemble(**still, outputs=problem.outputs)
     longer = problem.load(path, outputs=problem.outputs).extend(0.2)
     for table in (eig3.load(path).to_pandas(), longer.to_pandas(), runs.to_pandas()):
         assert list(table.columns[-2:]) == ["reactions[rod 0]", "reactions[rod 1]"]

@@ -128,7 +128,6 @@ WITHOUT_A_RUN = {
     "sensitivities": ("eig3.fitting.sensitivities.check_places", lambda: eig3.sensitivities(DECAY, "u0", h=0.1)),
     "prepare": ("eig3.run.prepare.remembered", lambda: eig3.prepare(harmonic, h=0.1)),
     "integrate": ("eig3.run.prepare.remembered", lambda: eig3.integrate(harmonic, (0, 1), 1.0, 0.0, h=0.3)),
-    "ensemble": ("eig3.ensembles.ensemble.check_members", lambda: eig3.ensemble(harmonic, (0, 1), [1.0], 0.0, h=0.1)),
 }
 
 

@@ -25,7 +25,7 @@ from eig3.bench.plan import Outcome
 from eig3.bench.problem_set import BenchmarkProblem
 from eig3.bench.report import own_problem, parts, true_motion
 from eig3.bench.report.comparison import Comparison, ratio_and_noise
-from eig3.bench.report.record import Record, RecordError
+from eig3.bench.report.record import Record
 from eig3.bench.rivals.general import scipy_form
 from eig3.bench.sweep import Point, WorkPrecisionSet
 from eig3.bench.text import ratio as in_digits
@@ -104,9 +104,12 @@ def test_a_run_that_was_cut_off_goes_on_and_gives_what_an_uncut_run_gives(tmp_pa
 
 
 @pytest.mark.usefixtures("small")
-def test_the_page_is_drawn_again_without_measuring(tmp_path, monkeypatch, capsys):
-    run, again, compared = (tmp_path / name for name in ("run", "again", "compared"))
+def test_the_page_is_drawn_again_without_measuring_and_what_does_not_fit_its_run_is_refused(
+    tmp_path, monkeypatch, capsys
+):
+    run, again, compared, empty = (tmp_path / name for name in ("run", "again", "compared", "empty"))
     command("--out", run, *QUICK.split(), "--problem", "kepler")
+    content = (run / "run.json").read_text()
     for name in ("integrate", "stepper"):
         monkeypatch.setattr(eig3.Problem, name, lambda *arguments, **options: pytest.fail("measured"))
     assert command("--from", run, "--out", again) == 0
@@ -118,13 +121,6 @@ def test_the_page_is_drawn_again_without_measuring(tmp_path, monkeypatch, capsys
     assert command("--from", run, "--against", run, "--out", compared) == 0
     assert "0 became slower and 0 became faster by more than the noise." in capsys.readouterr().out
     assert "## Beside another run" in (compared / "report.md").read_text()
-
-
-@pytest.mark.usefixtures("small")
-def test_what_does_not_fit_a_run_is_refused(tmp_path, monkeypatch):
-    run, empty = tmp_path / "run", tmp_path / "empty"
-    command("--out", run, *QUICK.split(), "--problem", "kepler")
-    content = (run / "run.json").read_text()
 
     def refused(message, *words):
         with pytest.raises(SystemExit, match=message) as caught:
@@ -636,11 +632,6 @@ def test_a_users_problem_that_cannot_be_run_says_why(tmp_path, monkeypatch):
     monkeypatch.setattr("eig3.bench.report.true_motion._SECONDS", 0.0)
     with pytest.raises(ValueError, match=r"problem unbounded does not reach the end of t_span with RK8: .*non-finite"):
         eig3.report(unbounded, tmp_path)
-
-
-def test_a_folder_without_a_record_is_an_error(tmp_path):
-    with pytest.raises(RecordError, match=re.escape(f"{tmp_path} has no run.json")):
-        Record.open(tmp_path)
 
 
 def test_numbers_that_are_not_finite_are_null_in_json(tmp_path):

@@ -34,8 +34,9 @@ def run_small(tmp_path):
     return lambda *more: run_pytest(*(f"bench/{name}" for name in SMALL), *options, *more)
 
 
-def test_all_are_found():
-    found = run_pytest("bench", "--benchmark-only", "--collect-only")
+def test_all_are_found_and_nothing_to_compare_with_is_a_warning(tmp_path):
+    options = ("--benchmark-only", "--benchmark-compare", f"--benchmark-storage={tmp_path}")
+    found = run_pytest("bench", "--collect-only", *options)
     assert all(f"bench/{name}" in found for name in SMALL)
     for method in ("eig3", "cd", "rk2", "rk3", "rk4", "ab2", "ab3"):
         for problem in ("single_dof", "hardening_spring", "softening_spring", "spring_pendulum"):
@@ -57,8 +58,3 @@ def test_save_compare_and_histogram(run_small, tmp_path):
     assert table.count("(NOW)") == table.count("(0001_") == len(SMALL)
     for group in ("single_dof", "single_dof_by_step", "start"):
         assert ElementTree.parse(tmp_path / f"drawn-{group}.svg").getroot().tag.endswith("svg")
-
-
-def test_nothing_to_compare_with_is_a_warning(tmp_path):
-    options = ("--benchmark-only", "--benchmark-compare", f"--benchmark-storage={tmp_path}")
-    run_pytest("bench/test_start.py", "--collect-only", *options)
