@@ -501,6 +501,8 @@ def test_a_body_that_turns_between_springs():
         problem = held_body(spin=spin)
         found = problem.critical_step()
         assert found.limit == pytest.approx(2 / math.sqrt((4 + 0.25 * spin**2) / 0.3), rel=1e-5)
+    with pytest.raises(NoCriticalStepError, match="such as 'rk4'"):  # 'cd' takes no constraints
+        problem.critical_step(method="rk2")
     for part, is_stable in ((0.98, True), (1.02, False)):
         run = problem.integrate(h=part * found.limit, save_every=None)
         assert (run.success and run.drift["energy"] < 0.1) == is_stable
