@@ -581,6 +581,13 @@ def test_a_saddle_may_grow_by_itself():
             critical_step(spring_and_drag, 1.0, 0.0, (-4.0, 0.0), method=method)
 
 
+@pytest.mark.parametrize("c", [1e-7, 1e-6, 7.2e-6, 1.2e-5, 1.4e-5, 1e-4])
+def test_a_slow_growth_beside_a_spring_is_physical(c):
+    """The spring limits the step; the other mode grows by itself, by c / 2 per unit of time."""
+    system = Linearised(np.diag([5000.0, 1.0]), np.diag([0.0, -c]), 0)
+    assert longest_stable_step(eig3.RK4(), system)[0] == pytest.approx(math.sqrt(8 / 5000), rel=1e-5)
+
+
 def test_a_saddle_beside_a_spring():
     for method, expected in STEADY.items():
         found = critical_step(spinning, [1.0, 0.0, 0.0], [0.0] * 3, (-4.0, 9.0, 0.0), method=method)

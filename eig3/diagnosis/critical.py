@@ -383,7 +383,7 @@ def _growth(matrices: np.ndarray, h: Any, rates: np.ndarray) -> np.ndarray:
     up to twice the fastest of the rates.
     """
     sizes = np.abs(eigenvalues(matrices))
-    growing = (rates.real > _RIGID * np.abs(rates).max()).sum(axis=-1)
+    growing = (rates.real > _RIGID / 2 * np.abs(rates).max()).sum(axis=-1)  # the real part of a pair is -c / 2
     fastest = np.where(growing > 0, rates.real.max(axis=-1), 0.0)
     with np.errstate(over="ignore"):
         beyond = sizes.max(axis=-1) - np.exp(2 * h * fastest)
