@@ -501,6 +501,8 @@ def test_a_body_that_turns_between_springs():
         problem = held_body(spin=spin)
         found = problem.critical_step()
         assert found.limit == pytest.approx(2 / math.sqrt((4 + 0.25 * spin**2) / 0.3), rel=1e-5)
+    with pytest.raises(NoCriticalStepError, match="such as 'rk4'"):  # 'cd' takes no constraints
+        problem.critical_step(method="rk2")
     for part, is_stable in ((0.98, True), (1.02, False)):
         run = problem.integrate(h=part * found.limit, save_every=None)
         assert (run.success and run.drift["energy"] < 0.1) == is_stable
@@ -577,6 +579,13 @@ def test_a_saddle_may_grow_by_itself():
     for method in ("eig3", "cd", LAGGED):
         with pytest.raises(NoCriticalStepError, match="limits the step"):
             critical_step(spring_and_drag, 1.0, 0.0, (-4.0, 0.0), method=method)
+
+
+@pytest.mark.parametrize("c", [1e-7, 1e-6, 7.2e-6, 1.2e-5, 1.4e-5, 1e-4])
+def test_a_slow_growth_beside_a_spring_is_physical(c):
+    """The spring limits the step; the other mode grows by itself, by c / 2 per unit of time."""
+    system = Linearised(np.diag([5000.0, 1.0]), np.diag([0.0, -c]), 0)
+    assert longest_stable_step(eig3.RK4(), system)[0] == pytest.approx(math.sqrt(8 / 5000), rel=1e-5)
 
 
 def test_a_saddle_beside_a_spring():

@@ -251,7 +251,9 @@ def _such_as(system: Linearised) -> str:
     """Name methods that have a stable step; EIG-5 if EIG-3 has none, as with gyroscopic forces alone."""
 
     def has_step(name: str) -> bool:
-        return longest_stable_step(check_method(name), system)[0] > 0
+        method = check_method(name)
+        is_possible = method.takes_constraints or not system.has_constraints
+        return is_possible and longest_stable_step(method, system)[0] > 0
 
     others = [name for name in _STEADY if has_step(name)]
     if "eig3" not in others and has_step("eig5"):
@@ -381,7 +383,7 @@ def _growth(matrices: np.ndarray, h: Any, rates: np.ndarray) -> np.ndarray:
     up to twice the fastest of the rates.
     """
     sizes = np.abs(eigenvalues(matrices))
-    growing = (rates.real > _RIGID * np.abs(rates).max()).sum(axis=-1)
+    growing = (rates.real > _RIGID / 2 * np.abs(rates).max()).sum(axis=-1)  # the real part of a pair is -c / 2
     fastest = np.where(growing > 0, rates.real.max(axis=-1), 0.0)
     with np.errstate(over="ignore"):
         beyond = sizes.max(axis=-1) - np.exp(2 * h * fastest)

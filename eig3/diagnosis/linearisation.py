@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,13 +41,14 @@ class Linearised:
 
     Up to 64 degrees of freedom these are all directions, and `is_complete` is true. Above, they span Krylov spaces,
     which contain the highest frequencies and the strongest dampings to about 0.1 %. `evaluations` counts the
-    evaluations of f.
+    evaluations of f. Not every method takes a system that `has_constraints`.
     """
 
     K: np.ndarray
     C: np.ndarray
     evaluations: int
     is_complete: bool = True
+    has_constraints: bool = False
 
     def rates(self) -> np.ndarray:
         """The rates s of the solutions exp(s t); a conjugate pair is a mode that oscillates."""
@@ -155,7 +156,7 @@ def linearise_at(stepper: Stepper, method: Method) -> Linearised:
         def along(w: np.ndarray) -> np.ndarray:
             return projected(w) - at_rest
 
-    return linearise(stepper.evaluator(), t, u, v, along)
+    return replace(linearise(stepper.evaluator(), t, u, v, along), has_constraints=bool(stepper.system.project))
 
 
 @one_blas_thread
