@@ -537,7 +537,7 @@ def test_a_full_disk_has_the_status_of_an_error():
     """Python flushed the output again at exit, and the status was 120."""
     command = [sys.executable, "-m", "eig3", "cache", "--path"]
     buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
-    with open("/dev/full", "w") as full:
+    with Path("/dev/full").open("w") as full:
         result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, env=buffered, check=False)
     assert (result.returncode, result.stderr) == (1, "eig3 cache: [Errno 28] No space left on device\n")
 
