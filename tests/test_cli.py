@@ -531,6 +531,16 @@ def test_a_reader_that_has_read_enough_ends_the_command():
     assert result.stderr == ""
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk_has_the_status_of_an_error():
+    """Python flushed the output again at exit, and the status was 120."""
+    command = [sys.executable, "-m", "eig3", "cache", "--path"]
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    with Path("/dev/full").open("w") as full:
+        result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, env=buffered, check=False)
+    assert (result.returncode, result.stderr) == (1, "eig3 cache: [Errno 28] No space left on device\n")
+
+
 def test_run_with_a_tolerance(tmp_path, capsys):
     """The ball is followed through its impacts, with states at equal distances in time."""
     assert main(["run", "bouncing_ball", "--rtol", "1e-6", "--out", str(tmp_path)]) == 0

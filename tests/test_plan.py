@@ -215,6 +215,16 @@ def test_kinks_outside_a_short_part_deny_its_promise():
     assert "error grows too fast with time, as in chaos or after kinks of the force" in promised
 
 
+def test_all_errors_grow_with_time_as_fast_as_one_of_them():
+    """In a part of a spring pendulum's 3,000 s, an error near the limit of stability grew like t: 1/22 was promised."""
+    system = pilots.Pilots(problems.single_dof(), "trajectory", 1e-4)
+    system.look_at(1 / 16)
+    search = step_search.Search(system, step_search.GUIDE)
+    for n_steps, seen, power in ((122, 2.5e-6, 1.0), (244, 3e-8, 1.5), (488, 1e-14, 2.0)):  # the last one is round-off
+        search.add(step_search.Run(n_steps, 16**power * seen, seen_error=seen))
+    assert [run.error for run in search.runs] == pytest.approx([64 * 2.5e-6, 64 * 3e-8, 256 * 1e-14])
+
+
 def runs_of(system, method, *runs):
     """A search with runs, each with its steps, its error, and the fraction of the span up to which it is right."""
     search = step_search.Search(system, method)

@@ -188,3 +188,7 @@ def test_the_state_before_is_independent_too():
     stepper.back()
     assert (before.index, stepper.index) == (5, 0)
     assert stepper.u == 1.0
+    before.advance(0)
+    for _ in range(2):
+        before.back()  # the call without steps, and nothing
+    assert before.index == 5

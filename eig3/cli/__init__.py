@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 from .._version import __version__
 from . import bench, cache, plan, report, run, show, sweep
@@ -37,10 +38,20 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"eig3 {options.command}: this does not fit in the memory: {error or 'take a shorter run or fewer members'}"
         ) from None
     except BrokenPipeError:  # the reader of a pipe, such as `head`, has closed it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output again at exit
+        _drop_output()
         return 0
     except OSError as error:
+        try:
+            print(end="", flush=True)
+        except OSError:  # the disk is full
+            _drop_output()
         raise SystemExit(f"eig3 {options.command}: {error}") from None
+
+
+def _drop_output() -> None:
+    """Drop what cannot be written: Python flushes the output again at exit, and changes the exit status."""
+    with suppress(OSError):  # an object in place of the output has no file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

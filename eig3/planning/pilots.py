@@ -50,7 +50,7 @@ _ABOVE_ROUND_OFF = 1e-10  # relative error of a step that round-off does not cha
 _LATEST = 10.0  # processor time, s, after which no optional run begins
 _LONGEST_PIECE = 0.25  # time of a piece of a run, s
 CONVERGING = 0.2  # above this relative error, the error at a smaller step cannot be predicted
-_TELLING = 0.01  # above this relative error, a run does not show how errors grow with time: it may be close to unstable
+TELLING = 0.01  # above this relative error, a run does not show how errors grow with time: it may be close to unstable
 _STILL = 1e-9  # a smaller path relative to the displacement is round-off: nothing has moved
 _REST = 1e-3  # with a smaller acceleration at the start, relative to the largest one, the motion begins later
 
@@ -279,7 +279,7 @@ class Pilots:
         """
         same = run.n_steps * self.part / part
         for each in short if self._growth is None else ():
-            if each.n_steps == same and each.seen_error > 0 and 0 < run.seen_error < _TELLING:
+            if each.n_steps == same and each.seen_error > 0 and 0 < run.seen_error < TELLING:
                 power = math.log(run.seen_error / each.seen_error) / math.log(part / self.part)
                 self.least_power, self.knows_growth = max(self.least_power, min(2.0, power)), True
 

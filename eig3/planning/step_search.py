@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Protocol
 
 from ..methods import EIG3, RK8, Method
 from ..run.accuracy import RESOLVED
-from .pilots import CONVERGING, FEWEST, History, Pilots, Run
+from .pilots import CONVERGING, FEWEST, TELLING, History, Pilots, Run
 
 NO_TIME = "no time was left to try it"
 GUIDE = RK8()
@@ -244,7 +245,13 @@ class Search(Timed):
         self.is_settled = True  # whether the last two runs of a search for a reference show a motion of one speed
 
     def add(self, run: Run) -> None:
-        self.runs = sorted([*self.runs, run], key=lambda run: run.n_steps)
+        """Add a run. From a part of the span, the errors of all runs are extrapolated by the fastest growth of one."""
+        runs = sorted([*self.runs, run], key=lambda run: run.n_steps)
+        telling = [each for each in runs if _SURELY_ROUND_OFF < each.seen_error < TELLING]
+        if self.pilots.part >= _SHORTEST_PART and telling:
+            growth = max(each.error / each.seen_error for each in telling)
+            runs = [replace(each, error=max(each.error, growth * each.seen_error)) for each in runs]
+        self.runs = runs
 
     def run(
         self,

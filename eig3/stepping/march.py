@@ -105,7 +105,7 @@ class March:
     raised_before: int | None = None
     changed_at: float | None = None
     _slices: Slices | None = None
-    _before: Any = None  # the state before the last call that took steps
+    _before: Any = None  # the state before the last call of `take`
     _has_changed = False  # whether `params` have changed since the last call that took steps
 
     def _begin(self, system: System, t0: float, u: Any, v: Any, params: np.ndarray, times: np.ndarray | None) -> Any:
@@ -310,14 +310,16 @@ class March:
             self._lock.release()
 
     def back(self) -> None:
-        """Restore the state before the last call that took steps. `seconds` still includes its time.
+        """Restore the state before the last call of `advance`, whose time is still in `seconds`.
+
+        After a call that has taken no steps, and after `back` itself, the state does not change.
 
         If `params` have changed since then, the method starts anew with these.
 
         Raises
         ------
         RuntimeError
-            If no steps were taken, or if `params`, which have changed, hold the springs between grains.
+            If `advance` was never called, or if `params`, which have changed, hold the springs between grains.
         """
         if self._before is None:
             raise RuntimeError("this stepper has taken no steps: call advance before back.")
@@ -347,7 +349,7 @@ class March:
         return self.fork()
 
     def before(self) -> Any:
-        """Return an independent march at the state before the last call that took steps."""
+        """Return an independent march at the state before the last call of `take`."""
         other = self.fork()
         other.restore(self._before)
         return other
