@@ -98,7 +98,7 @@ class Section:
         self.result = result
         self.anchor = anchor(result.name)
         motion = record.motion(result.name)
-        self.motion = _data_url(motion) if motion else None
+        self.motion = f"data:image/webp;base64,{base64.b64encode(motion.read_bytes()).decode()}" if motion else None
         self.rows = {(m.metric, m.mode): row for m in matrices for row in m.rows if row.name == result.name}
 
     def methods(self, metric: str, mode: str) -> list[tuple[str, str]]:
@@ -148,10 +148,6 @@ def _policy(scripts: Sequence[str]) -> str:
         "form-action": "'none'",
     }
     return "; ".join(f"{name} {allowed}" for name, allowed in rules.items())
-
-
-def _data_url(path: Path) -> str:
-    return f"data:image/webp;base64,{base64.b64encode(path.read_bytes()).decode()}"
 
 
 def _labels(results: Sequence[WorkPrecisionSet]) -> list[tuple[str, str]]:

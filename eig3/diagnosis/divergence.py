@@ -258,7 +258,7 @@ def _own_rate(stepper: Stepper) -> float:
 
 def _comparison(last: Stepper, steps: list[tuple[str, CriticalStep]]) -> str:
     """Describe the critical steps; empty if there are none."""
-    shown = [f"{step.limit:.4g} {when}{_mode(step)}" for when, step in steps]
+    shown = [f"{x.limit:.4g} {when} (omega = {x.omega_max:.4g}, xi = {x.xi:.2g})" for when, x in steps]
     return f"the critical step of {last.method!r} is {' and '.join(shown)}" if shown else ""
 
 
@@ -321,10 +321,6 @@ def _size(stepper: Stepper) -> float:
 def _first_not_finite(*arrays: Any) -> int:
     finite = np.all([np.isfinite(np.atleast_1d(array)) for array in arrays], axis=0)
     return int(np.argmin(finite))
-
-
-def _mode(step: CriticalStep) -> str:
-    return f" (omega = {step.omega_max:.4g}, xi = {step.xi:.2g})"
 
 
 def _remedy(last: Stepper, limits: list[float]) -> str:

@@ -136,15 +136,12 @@ class Run:
         """
         raise NotImplementedError
 
-    def error_of(self, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
-        """Estimate the error of the solution of this run, by runs from its start with other steps."""
-        raise NotImplementedError
+    def error_of(self, solution: Solution, coarser: float | None, cancel: Cancel | None) -> ErrorEstimate:
+        """Estimate the error of the solution of this run, by runs from its start with other steps.
 
-    def error_by(self, coarser: float, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
-        """Estimate the error by one further run; it is known by how much the error of a coarser run is larger.
-
-        With a fixed step, the further run is a coarser one. With tolerances it is a finer one: the factor differs much
-        from one start to the next, and it hardly matters for the difference from a finer run.
+        If it is known by how much the error of a coarser run is larger, one further run is enough. With a fixed step it
+        is a coarser one. With tolerances it is a finer one: the factor differs much from one start to the next, and it
+        hardly matters for the difference from a finer run.
         """
         raise NotImplementedError
 
@@ -427,7 +424,7 @@ class Run:
         check_repeatable(self.stepper.method)
         check_error(solution.t, solution.u, solution.v, *solution.outputs.values(), *solution.z.values())
         try:
-            error = self.error_of(solution, cancel) if coarser is None else self.error_by(coarser, solution, cancel)
+            error = self.error_of(solution, coarser, cancel)
             if may_be_lost(solution, error):
                 error = self._with_time(error, cancel)
         except _InterruptedComparisonError:

@@ -111,8 +111,10 @@ class FixedRun(Run):
         run.growth = self.growth.extended(n_steps, stepper.index)
         return run.begin(self, stepper.n_wanted if times is not None else stepper.index // run.every + 1)
 
-    def error_of(self, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
+    def error_of(self, solution: Solution, coarser: float | None, cancel: Cancel | None) -> ErrorEstimate:
         """Compare first with twice and four times the step, which takes less than the run itself."""
+        if coarser is not None and (twice := self._companion(solution, 2, cancel)):
+            return estimate(solution, twice, None, coarser)
         tasks = partial(self._companion, solution, 2), partial(self._companion, solution, 1)
         twice, four_times = side_by_side(*tasks, self.stepper.system, solution.kernel_seconds / 2, cancel)
         if twice and four_times and (error := clear_estimate(solution, twice, four_times)):
@@ -121,10 +123,6 @@ class FixedRun(Run):
         fine = self._companion(solution, 6 if two_thirds else 8, cancel)
         assert fine
         return estimate(solution, fine, twice)
-
-    def error_by(self, coarser: float, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
-        twice = self._companion(solution, 2, cancel)
-        return estimate(solution, twice, None, coarser) if twice else self.error_of(solution, cancel)
 
     def _companion(self, solution: Solution, steps: int, cancel: Cancel | None) -> Companion | None:
         """Return the run with `steps` steps in place of four steps; None if no state is at the same time."""

@@ -107,7 +107,9 @@ class VariableRun(Run):
         run = VariableRun(stepper, self.every, times, place, progress)
         return run.begin(self, self._rows_kept() if times is None else stepper.n_wanted)
 
-    def error_of(self, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
+    def error_of(self, solution: Solution, coarser: float | None, cancel: Cancel | None) -> ErrorEstimate:
+        if coarser is not None:
+            return estimate(solution, self._companion(solution, 1 / RATIO, cancel), None, coarser)
         fine, *coarse = (
             partial(self._companion, solution, ratio) for ratio in companion_ratios(self.stepper.tolerances)
         )
@@ -115,9 +117,6 @@ class VariableRun(Run):
             return estimate(solution, fine(cancel), None)
         both = side_by_side(fine, coarse[0], self.stepper.system, solution.kernel_seconds, cancel)
         return estimate(solution, *both)
-
-    def error_by(self, coarser: float, solution: Solution, cancel: Cancel | None) -> ErrorEstimate:
-        return estimate(solution, self._companion(solution, 1 / RATIO, cancel), None, coarser)
 
     def _companion(self, solution: Solution, ratio: float, cancel: Cancel | None) -> Companion:
         """Return the run with other tolerances."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -39,10 +40,6 @@ from .system import Kernel, System
 from .team import team
 
 ENDED_BY_EVENT = (TERMINAL, RESTING)  # the first and the last outcome of an event that ends a run
-
-
-def _is_set(cancels: tuple[Cancel, ...]) -> bool:
-    return any(cancel.is_set() for cancel in cancels)
 
 
 class Cancel(Protocol):
@@ -284,7 +281,7 @@ class March:
                     self.ended = ended
                     break
                 kernel = self.kernel
-            elif self.index < end and not (self.look and self.is_within_log) and _is_set(cancels):
+            elif self.index < end and not (self.look and self.is_within_log) and any(x.is_set() for x in cancels):
                 break
         return row
 
@@ -339,7 +336,7 @@ class March:
             other.state, other.counters = aligned(self.state.shape), self.counters.copy()
             other.p = guarded(self.p)  # a scene stores neighbour lists in them
             other.state[...] = self.state
-            other._slices = self._slices and self._slices.copy()
+            other._slices = copy.copy(self._slices)
             other.look = self.look and self.look.fork()
         return other
 

@@ -6,7 +6,6 @@ slices of steps.
 
 from __future__ import annotations
 
-import copy
 import math
 import sys
 import time
@@ -62,9 +61,6 @@ class Slices:
             wanted = max(_SECONDS, min(_LONGEST, _WAITING * sorted(self._waited)[_LAST // 2]))
             self.steps = self._whole_turns(max(1, done) * min(_GROWTH, wanted / (busy + 1e-9)))
         return seconds
-
-    def copy(self) -> Slices:
-        return copy.copy(self)
 
     def _wait_in(self, idle: float) -> float:
         """Return the part of the idle time of a slice for which it waited for the interpreter.

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from ..effects.vector import cross, dot, scale
 from ..functions.callbacks import jit
 from ..kernels.compile.jit import element
 from .corotational import chords, entry
@@ -52,21 +53,6 @@ def chords_in_space(
 
 
 @element
-def _dot(x: Any, y: Any) -> Any:
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
-
-
-@element
-def _cross(x: Any, y: Any) -> Any:
-    return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
-
-
-@element
-def _times(f: Any, x: Any) -> Any:
-    return f * x[0], f * x[1], f * x[2]
-
-
-@element
 def _sum(f: Any, x: Any, g: Any, y: Any) -> Any:
     """Return f x + g y."""
     return f * x[0] + g * y[0], f * x[1] + g * y[1], f * x[2] + g * y[2]
@@ -99,17 +85,17 @@ def _series(square: Any) -> Any:
 @element
 def _turned(turn: Any, axes: Any, k: Any) -> Any:
     """Return the axis k, rotated by a rotation vector with Rodrigues' formula."""
-    square = _dot(turn, turn)
+    square = dot(turn, turn)
     a, b, _, _ = _series(square)
     axis = axes[3 * k], axes[3 * k + 1], axes[3 * k + 2]
-    across = _cross(turn, axis)
-    return _sum(1.0, _sum(1.0, axis, 1 - square * b, across), a, _cross(turn, across))
+    across = cross(turn, axis)
+    return _sum(1.0, _sum(1.0, axis, 1 - square * b, across), a, cross(turn, across))
 
 
 @element
 def _bent(chord: Any, x: Any, y: Any, z: Any) -> Any:
     """Return the angles by which an end bends about y and z, the factor phi / sin(phi), and its slope by cos(phi)."""
-    c, s_y, s_z = _dot(chord, x), _dot(chord, z), -_dot(chord, y)
+    c, s_y, s_z = dot(chord, x), dot(chord, z), -dot(chord, y)
     square = s_y * s_y + s_z * s_z
     if square < 1e-30:
         return s_y, s_z, 1.0, -1 / 3
@@ -129,7 +115,7 @@ def _by_chord(moment_y: Any, moment_z: Any, bent: Any, x: Any, y: Any, z: Any) -
 @element
 def _twist(y_a: Any, z_a: Any, y_b: Any, z_b: Any) -> Any:
     """Return the sine and the cosine of the twist, times a common factor."""
-    return _dot(z_a, y_b) - _dot(y_a, z_b), _dot(y_a, y_b) + _dot(z_a, z_b)
+    return dot(z_a, y_b) - dot(y_a, z_b), dot(y_a, y_b) + dot(z_a, z_b)
 
 
 @element
@@ -139,7 +125,7 @@ def _torque(stiffness: Any, y_a: Any, z_a: Any, y_b: Any, z_b: Any) -> Any:
         return 0.0, 0.0, 0.0
     s, c = _twist(y_a, z_a, y_b, z_b)
     k = stiffness * atan2(s, c) / (s * s + c * c)
-    return _sum(k, _cross(y_b, _sum(c, z_a, -s, y_a)), -k, _cross(z_b, _sum(c, y_a, s, z_a)))
+    return _sum(k, cross(y_b, _sum(c, z_a, -s, y_a)), -k, cross(z_b, _sum(c, y_a, s, z_a)))
 
 
 @element
@@ -148,9 +134,9 @@ def _deformed(u: Any, p: Any, m: Any) -> Any:
     rest, ends = (p.chords[m, 0], p.chords[m, 1], p.chords[m, 2]), p.ends[m]
     move = _sum(1.0, _three(u, ends, 6), -1.0, _three(u, ends, 0))
     now = _sum(1.0, rest, 1.0, move)
-    length, before = sqrt(_dot(now, now)), sqrt(_dot(rest, rest))
-    chord = _times(1 / length, now)
-    longer = _dot(move, _sum(1.0, rest, 1.0, now)) / (length + before)
+    length, before = sqrt(dot(now, now)), sqrt(dot(rest, rest))
+    chord = scale(1 / length, now)
+    longer = dot(move, _sum(1.0, rest, 1.0, now)) / (length + before)
     axes_a, axes_b = _axes(_three(u, ends, 3), p.axes[m]), _axes(_three(u, ends, 9), p.axes[m])
     return chord, length, longer, axes_a, axes_b, _bent(chord, *axes_a), _bent(chord, *axes_b)
 
@@ -169,11 +155,11 @@ def _pull(u: Any, p: Any, m: Any, out: Any) -> Any:
     by_b = _by_chord(k[27] * a[0] + k[28] * b[0], k[13] * a[1] + k[14] * b[1], b, x_b, y_b, z_b)
     torque = _torque(k[35], y_a, z_a, y_b, z_b)
     both = _sum(1.0, by_a, 1.0, by_b)
-    force = _sum(k[0] * longer - _dot(both, chord) / length, chord, 1 / length, both)
+    force = _sum(k[0] * longer - dot(both, chord) / length, chord, 1 / length, both)
     _add(out, ends, 0, force)
-    _add(out, ends, 6, _times(-1.0, force))
-    _add(out, ends, 3, _sum(1.0, _cross(chord, by_a), 1.0, torque))
-    _add(out, ends, 9, _sum(1.0, _cross(chord, by_b), -1.0, torque))
+    _add(out, ends, 6, scale(-1.0, force))
+    _add(out, ends, 3, _sum(1.0, cross(chord, by_a), 1.0, torque))
+    _add(out, ends, 9, _sum(1.0, cross(chord, by_b), -1.0, torque))
 
 
 @element
@@ -184,13 +170,13 @@ def _of_rotation_vector(u: Any, v: Any, i: Any, inertia: Any, out: Any) -> Any:
     moment / inertia = T turn'' + T' turn'. At the angle 2 pi, a is 0 and T is singular: NaN ends the run.
     """
     turn, rate, moment = (u[i], u[i + 1], u[i + 2]), (v[i], v[i + 1], v[i + 2]), (out[i], out[i + 1], out[i + 2])
-    square, along = _dot(turn, turn), _dot(turn, rate)
+    square, along = dot(turn, turn), dot(turn, rate)
     a, b, slope_a, slope_b = _series(square)
-    across = _cross(turn, rate)
-    own = _sum(along * slope_a, across, along * slope_b, _cross(turn, across))
-    rest = _sum(1.0, moment, -inertia, _sum(1.0, own, b, _cross(rate, across)))
-    across = _cross(turn, rest)
-    back = _sum(1.0, _sum(1.0, rest, -0.5, across), -0.5 * slope_a / a, _cross(turn, across))
+    across = cross(turn, rate)
+    own = _sum(along * slope_a, across, along * slope_b, cross(turn, across))
+    rest = _sum(1.0, moment, -inertia, _sum(1.0, own, b, cross(rate, across)))
+    across = cross(turn, rest)
+    back = _sum(1.0, _sum(1.0, rest, -0.5, across), -0.5 * slope_a / a, cross(turn, across))
     for k in range(3):
         out[i + k] = back[k] if square < 4 * pi * pi else nan
 
@@ -223,10 +209,10 @@ def energy_of_members_in_space(t, u, v, p):  # type: ignore[no-untyped-def]
         energy += 0.5 * p.m[i] * v[i] * v[i]
     for i in p.rotations:
         turn, rate = (u[i], u[i + 1], u[i + 2]), (v[i], v[i + 1], v[i + 2])
-        a, b, _, _ = _series(_dot(turn, turn))
-        across = _cross(turn, rate)
-        omega = _sum(1.0, _sum(1.0, rate, a, across), b, _cross(turn, across))
-        energy += 0.5 * p.m[i] * (_dot(omega, omega) - _dot(rate, rate))
+        a, b, _, _ = _series(dot(turn, turn))
+        across = cross(turn, rate)
+        omega = _sum(1.0, _sum(1.0, rate, a, across), b, cross(turn, across))
+        energy += 0.5 * p.m[i] * (dot(omega, omega) - dot(rate, rate))
     for m in range(p.ends.shape[0]):
         energy += _strain(u, p, m)
     return energy
