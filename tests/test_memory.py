@@ -95,7 +95,7 @@ def test_the_states_of_links_have_numbers_by_their_effect():
 
 
 @pytest.mark.parametrize("steps", [{"h": 1e-4}, {"rtol": 1e-8, "method": "rk8"}])
-@pytest.mark.parametrize("members", [1, 20])
+@pytest.mark.parametrize("members", [1, 16])  # both in loops of 16 lanes
 def test_a_link_that_yields_turns_at_an_impact(members, steps):
     """The impact reverses the rate. The mass then has the elastic range before it, yields again, and comes to rest.
 
