@@ -437,7 +437,7 @@ class Run:
     def _with_time(self, error: ErrorEstimate, cancel: Cancel | None) -> ErrorEstimate:
         """Return an error with the time up to which digits are right, from the same run with more saved states."""
         run = self.with_states(max(2, min(_STATES, _VALUES // self.stepper.n)))
-        other = run.error_of(compared(run.begin, cancel), cancel)
+        other = run.error_of(compared(run.begin, cancel), None, cancel)
         until = error.reliable_until if other.reliable_until is None else other.reliable_until
         return replace(error, reliable_until=until, notes=other.notes)
 
