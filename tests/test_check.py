@@ -219,6 +219,15 @@ def test_an_exact_run_has_no_order():
     assert "near round-off" in note
 
 
+def test_a_run_at_rest_does_not_tell_of_round_off():
+    """Shorter steps do not help against round-off, but they can see a load that is shorter than a step."""
+    for step in ({"h": 0.1}, {"h": 0.1, "method": "rk4", "save_every": None}, {"rtol": 1e-3, "h_max": 0.1}):
+        run = eig3.integrate(late_duffing, (0, 10.0), 0.0, 0.0, **step, check=True)
+        assert run.error.largest["u"] == 0
+        assert run.error.notes[-1].startswith("Nothing moves in the compared runs either")
+        assert "round-off" not in " ".join(run.error.notes)
+
+
 def test_round_off_that_all_runs_have_is_noted():
     """The coefficients of RK8 are rounded, which changes the period by about eps: over 20,000 s, the true error was 140
     times the estimate, which coarser runs alone had given."""

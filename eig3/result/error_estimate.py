@@ -29,6 +29,7 @@ _SMALL = 1e-6  # a degree of freedom that moves less, relative to the largest mo
 _CONVERGING = 0.2  # the orders are measured up to this difference from the coarser run, relative to the motion
 _ROUNDING = 2 * np.finfo(float).eps  # relative error of a path by round-off; all runs may have it, as of coefficients
 _NEAR_ROUND_OFF = "The differences of the runs are near round-off: shorter steps do not help."
+_AT_REST = "Nothing moves in the compared runs either: only a shorter step can see a shorter load."
 _STEPS = {"two thirds of": 2 / 3, "half": 1 / 2, "twice": 2.0, "four times": 4.0}  # of compared runs, as ratios
 _CLEAR = 0.1  # largest difference from the order of the method with which coarser runs alone give the error
 _SURE = 0.2  # and with which the ratio of the errors holds for other parameters too
@@ -241,6 +242,8 @@ def estimate(solution: Any, fine: Companion, coarse: Companion | None, coarser: 
     u[..., np.isinf(scale)] = np.nan
     if _NEAR_ROUND_OFF not in notes and _is_near_round_off(solution, u):
         notes.append(_NEAR_ROUND_OFF)
+    if not (np.any(solution.u) or np.any(fine.u)):
+        notes = [_AT_REST if each == _NEAR_ROUND_OFF else each for each in notes]
     until, note = _reliable_until(solution, u if fine.solution.success else np.where(np.isinf(u), np.nan, u), scale)
     notes += [note] if note else []
     own, other = fine.own, fine.solution
