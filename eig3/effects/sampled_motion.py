@@ -32,7 +32,7 @@ class SampledMotion(Sampled):
 
     The velocity jumps at the samples: no method keeps an order above 1 across a jump where a damper is attached to the
     support. With tolerances, steps are at most half as long as the shortest bump, a part of the record that differs
-    from its first value; a run with a longer fixed step has a note.
+    from its first value; a run whose fixed step skips much of the record has a note.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..functions.callbacks import check_callback
 from ..functions.checks import check_time
 from ..functions.guard import NotFiniteAtStartError, ReadsBeyondError, is_finite_at_start
-from ..functions.records import jump_note, jumps, records_of, shortest_loads
+from ..functions.records import records_of, shortest_loads, skips
 from ..kernels.compile.interrupt import DeferredInterrupt
 from ..run.progress import Progress
 from ..stepping.march import Cancel, March
@@ -33,6 +33,7 @@ from .step_notes import step_notes
 
 _ALONE = 16  # members in a task that runs them one at a time
 _PIECES = 4  # tasks for each thread, with tolerances
+_READ = 16  # members whose records are read to find a step that skips much of them
 _POLL_SECONDS = 0.05  # between two checks for Ctrl-C
 
 
@@ -70,7 +71,7 @@ class Run:
 
     def _work(self) -> list[Alone]:
         shared, note = in_lanes(self.rhs, self._callback, self.histories, self._single, self.threads)
-        self.notes = [each for each in (note, self._jump()) if each]
+        self.notes = [each for each in (note, self._skips()) if each]
         m = len(self.members)
         order = np.argsort(self.members.n_steps, kind="stable")  # the members of a block end at similar times
         if shared is None:
@@ -81,17 +82,20 @@ class Run:
             return [AdaptiveBlock(shared, numbers) for numbers in np.array_split(order, pieces)]
         return [Block(shared, order[i : i + lanes]) for i in range(0, m, lanes)]
 
-    def _jump(self) -> str:
-        """Return the note about the fixed steps of a member that may jump over a load; empty if there are none."""
+    def _skips(self) -> str:
+        """Return the note about the fixed steps of a member that skip much of a record; empty if there are none."""
         members = self.members
-        if records_of(self.rhs) is None:
+        if records_of(self.rhs) is None or self.options.tolerances:
             return ""
         loads = shortest_loads(self.rhs, members.params, members.own, members.t_span)
+        rows, evaluations = np.atleast_2d(members.params), self.options.method.evaluations
         ratios = members.h / loads
-        i = int(ratios.argmax())
-        h, load = float(members.steps[i]), float(loads[i % len(loads)])
-        whose = f" of member {members.first + i}" if len(ratios) > 1 else ""
-        return jump_note(h, load, whose) if jumps(h, load) else ""
+        for i in np.argsort(-ratios, kind="stable")[:_READ].tolist():
+            whose = f" of member {members.first + i}" if len(ratios) > 1 else ""
+            given = rows[i % len(rows)], members.t_span, float(members.steps[i]), evaluations
+            if note := skips(self.rhs, *given, whose):
+                return note
+        return ""
 
     def march(self, progress: bool = False, cancel: Cancel | None = None) -> EnsembleSolution:
         """Run the members to their ends, or until `cancel` is set."""

@@ -15,7 +15,7 @@ from ..diagnosis.divergence import Divergence, find_blow_up, find_divergence
 from ..diagnosis.heat import heat
 from ..functions.checks import check_count, check_resolution, check_time
 from ..functions.guard import guarded
-from ..functions.records import jump_note, jumps, shortest_loads
+from ..functions.records import skips
 from ..kernels.protocol import FAILED, SCALAR
 from ..methods import EIG
 from ..result.error_estimate import Companion, ErrorEstimate, clear_estimate, estimate
@@ -271,9 +271,8 @@ class FixedRun(Run):
         notes = self._invariant_notes("take a smaller h, or a method that is stable for this system")
         if self.status is Status.COMPLETED:
             notes += filter(None, (self._coarseness(), *self._contacts(), self._instability(), heat(stepper)))
-        load = float(shortest_loads(stepper.system.rhs, stepper.p, t_span=(stepper.t0, stepper.t))[0])
-        notes += [jump_note(stepper.h, load)] * jumps(stepper.h, load)
-        running = stepper.running
+        running, span = stepper.running, (stepper.t0, stepper.t)
+        notes += filter(None, [skips(stepper.system.rhs, stepper.p, span, stepper.h, running.evaluations)])
         if isinstance(running, EIG) and running.grade > _LARGEST_GRADE and not running.ignores_velocity:
             notes.append(
                 f"{running.label} predicts the velocity from {running.grade - 2} accelerations: with damping its limit "

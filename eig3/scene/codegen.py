@@ -100,7 +100,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
     if source.team is not None:
         functions["rhs"].py_func.shares = Shares(functions["share"], source.team, assembly.n)
     if source.records:
-        functions["rhs"].py_func.records = Records(functools.partial(tables, tuple(source.records)))
+        functions["rhs"].py_func.records = Records(functools.partial(tables, tuple(source.records)), lasts=True)
     is_of_points = assembly.dimension > 1 and not assembly.cloud.bodies.vectors  # on a line, none passes another
     if source.cutoffs and is_of_points:
         degrees = assembly.n * assembly.dimension

@@ -62,7 +62,7 @@ def linear(
         ``f(t, u, v, p, out)`` adds forces to out. A table (times, forces) or (times, forces, degrees), whose forces
         have the shape (times, degrees), is linear between its times and zero outside. With tolerances, steps are at
         most half as long as the shortest load of a record, so that none jumps over it; ``h_max`` replaces this limit. A
-        run with a longer fixed step has a note.
+        run whose fixed step skips much of a record has a note.
     ground : tuple
         The ground motion (times, accelerations) or (times, accelerations, influence): u is then relative to the ground.
         The acceleration is linear between the times and zero outside. The influence is 1 for a degree of freedom in the

@@ -140,7 +140,7 @@ RECORDS = Records(
     tuple(name for names in _RECORDS for name in names),
     check_together,
     {"checksum": ("K", "m", "M")},
-    check_members,
+    check_members=check_members,
 )
 
 
