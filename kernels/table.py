@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from .compile.jit import element
 from .elementary import inlined, number
 
@@ -37,9 +39,11 @@ def interp(x, xp, fp):
     Returns
     -------
     float
-        The first or last value of fp beyond the ends of the table, and NaN for NaN.
+        The first or last value of fp beyond the ends of the table; NaN for NaN, and if the lengths of xp and fp differ.
     """
     x = number(x)
+    if xp.size != fp.size:  # fp[i] would be another parameter; an exception would prevent vector instructions
+        return math.nan
     i, last = interval(x, xp), xp.size - 1
     y = fp[i] + (x - xp[i]) / (xp[i + 1] - xp[i]) * (fp[i + 1] - fp[i])
     return fp[0] if x < xp[0] else (fp[last] if x >= xp[last] else y)

@@ -304,9 +304,16 @@ def test_interpolation_is_as_in_numpy(xp):
     np.testing.assert_array_equal(out[1000:], fp)
     assert [compiled.interp(x, xp, fp) for x in (-math.inf, math.inf)] == [fp[0], fp[-1]]
     assert math.isnan(compiled.interp(math.nan, xp, fp))
+    assert math.isnan(compiled.interp(0.0, xp, fp[:-1]))
 
 
 wheel = eig3.jit(lambda t, u, v, p: p.k * (compiled.interp(p.speed * t, p.x, p.road) - u))
+
+
+def test_a_run_refuses_a_table_whose_lengths_differ():
+    params = {"k": 40.0, "speed": 1.0, "x": np.array([0.0, 1.0, 2.0]), "road": np.zeros(2)}
+    with pytest.raises(ValueError, match="rhs gives nan"):
+        eig3.integrate(wheel, (0, 1), 0.0, 0.0, h=0.01, params=params)
 
 
 def test_members_of_an_ensemble_read_a_table():
