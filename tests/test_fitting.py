@@ -281,6 +281,8 @@ test_wrong_entries_and_options_are_refused = refusals(
     {
         r"^parameters must name an entry k\[0\] to k\[1\] of chain, not k\[2\]\.$": lambda: slopes(CHAIN, "k[2]"),
         r"^parameters must name an entry u0\[0\] to u0\[1\] of chain, not u0\.$": lambda: slopes(CHAIN, "u0"),
+        r"^array has no k: its parameters have numbers, p\[0\] to p\[1\], in the order of problem.params. Other names "
+        r"are u0, v0\.$": lambda: slopes(eig3.Problem("array", damped_of_array, 1.0, 0.5, [4.0, 0.2], (0, 10))),
         "^t_eval must lie within t_span, from 0.0 to 10.0, not at 11.0": lambda: slopes(OSCILLATOR, t_eval=[0, 11]),
         "^steps must have names of parameters, which have no c": lambda: slopes(OSCILLATOR, steps={"c": 0.1}),
         r"^steps\['k'\] must be a positive, finite number, not 0\.$": lambda: slopes(OSCILLATOR, steps={"k": 0}),
