@@ -580,6 +580,10 @@ BAD_VALUES = [
     ({"data": ([0.0] * 3, [1.0] * 3)}, "data must have a time after the start of the run at t = 0"),
     ({"data": (T[:2], U[:2])}, "data must hold at least 3 values for 2 parameters and their scatter"),
     ({"data": (T[1:2], U[:1]), "sigma": 1}, "data must hold at least 2 values for 2 parameters, not 1"),
+    (
+        {"data": {"a": (T, U)}},
+        "data must have names .*, and accelerations are none: give an output that calls rhs",
+    ),
     ({"data": {"w": (T, U)}}, r"data must have names of quantities, but there is no w: did you mean"),
     ({"data": {"time": (T, T), "u": (T, U)}}, "data must have names of quantities, but there is no time: did you mean"),
     ({"data": {"u": (T, U), "v": (T, U)}}, "sigma must say how the series of data are weighted"),
