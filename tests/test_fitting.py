@@ -541,13 +541,20 @@ with_a_mass = eig3.jit(lambda t, u, v, p: -(p.k * u + p.c * v) / p.m)
 
 
 def test_parameters_that_the_data_do_not_determine_are_named():
-    problem = eig3.Problem("mass", with_a_mass, 1.0, 0.5, {"m": 1.0, "k": 4.0, "c": 0.2, "idle": 1.0}, (0, 10))
+    problem = eig3.Problem(
+        "mass", with_a_mass, 1.0, 0.5, {"m": 1.0, "k": 4.0, "c": 0.2, "idle": 1.0, "none": 0.0}, (0, 10)
+    )
     result = eig3.fit(problem, exact_data(), {"m": 1.1, "k": 4.0, "c": 0.2, "u0": 1.1}, **RK4)
     assert result.message.endswith("do not tell m, k and c apart: leave one of them out of parameters.")
     assert [result.errors[name] for name in "mkc"] == [np.inf] * 3
     assert result.errors["u0"] < 1
     result = eig3.fit(problem, exact_data(), ["k", "idle"], **RK4)
     assert result.message.endswith("The data do not depend on idle: leave it out of parameters.")
+    all_of_them = ["m", "k", "c", "idle", "none", "u0"]
+    result = eig3.fit(problem, exact_data(), all_of_them, **RK4)
+    assert "The data do not depend on idle or none: leave them out of parameters." in result.message
+    assert result.message.endswith("do not tell m, k and c apart: leave one of them out of parameters.")
+    result = eig3.fit(problem, exact_data(), ["k", "idle"], **RK4)
     assert "idle = 1 +- inf" in repr(result)
 
 

@@ -52,14 +52,22 @@ def correlation(matrix: np.ndarray) -> np.ndarray:
         return matrix / np.outer(errors, errors)
 
 
-def loose_note(names: Sequence[str], is_loose: np.ndarray) -> str:
-    """Return a sentence about parameters that the data do not determine; empty if there are none."""
-    loose = [name for name, each in zip(names, is_loose, strict=True) if each]
-    if not loose:
-        return ""
-    if len(loose) == 1:
-        return f" The data do not depend on {loose[0]}: leave it out of parameters."
-    return f" The data do not tell {', '.join(loose[:-1])} and {loose[-1]} apart: leave one of them out of parameters."
+def loose_note(names: Sequence[str], is_loose: np.ndarray, jacobian: np.ndarray) -> str:
+    """Return sentences about parameters that the data do not determine; empty if there are none."""
+    sizes = np.linalg.norm(jacobian, axis=0)
+    is_tied = is_loose & (sizes > _DEPENDENT * sizes.max())
+    if np.count_nonzero(is_tied) == 1:
+        is_tied[:] = False
+    idle, tied = (np.array(names)[mask] for mask in (is_loose & ~is_tied, is_tied))
+    note = ""
+    if len(idle):
+        them = "it" if len(idle) == 1 else "them"
+        note += f" The data do not depend on {' or '.join(idle)}: leave {them} out of parameters."
+    if len(tied):
+        note += (
+            f" The data do not tell {', '.join(tied[:-1])} and {tied[-1]} apart: leave one of them out of parameters."
+        )
+    return note
 
 
 def steps_note(names: Sequence[str], shifts: np.ndarray, errors: np.ndarray) -> str:

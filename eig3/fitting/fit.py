@@ -297,7 +297,7 @@ def _found(
         message=_ENDS[result.status]
         + early_note(jacobian[:, is_known], residuals, of_steps) * (result.status > 0)
         + steps_note(names, shifts, errors)
-        + loose_note(names, is_loose),
+        + loose_note(names, is_loose, jacobian),
         n_runs=model.n_runs,
         _series=list(model.series),
         _options=options,
