@@ -507,6 +507,41 @@ def test_a_fit_that_ended_early_says_so():
     assert not early_note(jacobian, across, 0 * across)
 
 
+held_at = eig3.jit(lambda t, u, v, p: -p.k * (u - p.x))
+
+
+def test_the_notes_of_the_run_are_in_sensitivities_and_fits():
+    """With 3 steps in a period, a run has a note."""
+    coarse = {"h": 1.0, "method": "rk4"}
+    (note,) = OSCILLATOR.integrate(**coarse, save_every=None).notes
+    found = eig3.sensitivities(OSCILLATOR, "k", **coarse)
+    result = eig3.fit(OSCILLATOR, exact_data(), "k", **coarse)
+    assert found.notes == (note,)
+    assert result.notes == result.problem.integrate(**coarse, t_eval=TIMES).notes != ()
+    assert note in repr(found)
+    assert result.notes[0] in repr(result)
+
+
+def test_residuals_that_are_larger_than_the_spread_of_the_data_are_reported():
+    """No k moves the oscillation to the mean 9 of the data. In other fits, noise, round-off or sigma explain them."""
+    t, u = exact_data()
+    result = eig3.fit(OSCILLATOR, (t, u + 9), "k", **RK4)
+    assert "and the data have only 0." in result.message
+    assert "the standard errors mean nothing" in result.message
+    assert not result.success
+    resting = OSCILLATOR.with_(u0=0.0, v0=0.0)
+    constant, still = np.full_like(t, 9.0), eig3.Problem("still", held_at, 9.0, 0.0, {"k": 4.0, "x": 9.0}, (0, 10))
+    for problem, data, name, sigma in (
+        (OSCILLATOR, u, "k", None),
+        (still, constant, "x", None),
+        (resting, np.random.default_rng(0).normal(size=t.size), "v0", None),
+        (OSCILLATOR, np.where(np.arange(t.size) < t.size - 2, np.nan, u), "k", 10.0),
+    ):
+        result = eig3.fit(problem, (t, data), name, sigma=sigma, **RK4)
+        assert "mean nothing" not in result.message
+        assert result.success
+
+
 def test_missing_values_of_a_table_leave_out_their_entries_alone():
     run = CHAIN.integrate(h=0.01, method="rk4", save_every=10)
     table = run.u.copy()

@@ -9,6 +9,7 @@ import numpy as np
 _DOUBTFUL = 1e-3  # below this singular value, errors of one-sided differences might make parameters look determined
 _DEPENDENT = 1e-7  # smaller singular values, relative to the largest, belong to undetermined parameters
 _REST, _BEYOND = 0.5, 10.0  # parts of the residuals, and multiples of their errors, that a further step would remove
+_FAR = 2.0  # multiple of the spread of the data that the residuals of a right model do not exceed
 _INVOLVED = 1e-2  # least share of a parameter in such a combination
 
 
@@ -76,6 +77,19 @@ def steps_note(names: Sequence[str], shifts: np.ndarray, errors: np.ndarray) -> 
     if not shifted:
         return ""
     return f" The time steps shift {', '.join(shifted)} by more than the standard errors: take a smaller h or rtol."
+
+
+def far_note(scatter: float, spread: float, least: float) -> str:
+    """Return a sentence if the residuals scatter far more than the data do about their means; empty otherwise.
+
+    A scatter up to about `least` is explained by the noise or by round-off.
+    """
+    if not scatter > _FAR * max(spread, least):
+        return ""
+    return (
+        f" The residuals have a standard deviation of {scatter:.2g}, and the data have only {spread:.2g} about their "
+        "mean: the standard errors mean nothing. Start from other values, or take a shorter step."
+    )
 
 
 def early_note(jacobian: np.ndarray, residuals: np.ndarray, of_steps: np.ndarray) -> str:
