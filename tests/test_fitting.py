@@ -281,6 +281,8 @@ test_wrong_entries_and_options_are_refused = refusals(
     {
         r"^parameters must name an entry k\[0\] to k\[1\] of chain, not k\[2\]\.$": lambda: slopes(CHAIN, "k[2]"),
         r"^parameters must name an entry u0\[0\] to u0\[1\] of chain, not u0\.$": lambda: slopes(CHAIN, "u0"),
+        r"^array has no k: its parameters have numbers, p\[0\] to p\[1\], in the order of problem.params. Other names "
+        r"are u0, v0\.$": lambda: slopes(eig3.Problem("array", damped_of_array, 1.0, 0.5, [4.0, 0.2], (0, 10))),
         "^t_eval must lie within t_span, from 0.0 to 10.0, not at 11.0": lambda: slopes(OSCILLATOR, t_eval=[0, 11]),
         "^steps must have names of parameters, which have no c": lambda: slopes(OSCILLATOR, steps={"c": 0.1}),
         r"^steps\['k'\] must be a positive, finite number, not 0\.$": lambda: slopes(OSCILLATOR, steps={"k": 0}),
@@ -505,6 +507,41 @@ def test_a_fit_that_ended_early_says_so():
     assert not early_note(jacobian, across, 0 * across)
 
 
+held_at = eig3.jit(lambda t, u, v, p: -p.k * (u - p.x))
+
+
+def test_the_notes_of_the_run_are_in_sensitivities_and_fits():
+    """With 3 steps in a period, a run has a note."""
+    coarse = {"h": 1.0, "method": "rk4"}
+    (note,) = OSCILLATOR.integrate(**coarse, save_every=None).notes
+    found = eig3.sensitivities(OSCILLATOR, "k", **coarse)
+    result = eig3.fit(OSCILLATOR, exact_data(), "k", **coarse)
+    assert found.notes == (note,)
+    assert result.notes == result.problem.integrate(**coarse, t_eval=TIMES).notes != ()
+    assert note in repr(found)
+    assert result.notes[0] in repr(result)
+
+
+def test_residuals_that_are_larger_than_the_spread_of_the_data_are_reported():
+    """No k moves the oscillation to the mean 9 of the data. In other fits, noise, round-off or sigma explain them."""
+    t, u = exact_data()
+    result = eig3.fit(OSCILLATOR, (t, u + 9), "k", **RK4)
+    assert "and the data have only 0." in result.message
+    assert "the standard errors mean nothing" in result.message
+    assert not result.success
+    resting = OSCILLATOR.with_(u0=0.0, v0=0.0)
+    constant, still = np.full_like(t, 9.0), eig3.Problem("still", held_at, 9.0, 0.0, {"k": 4.0, "x": 9.0}, (0, 10))
+    for problem, data, name, sigma in (
+        (OSCILLATOR, u, "k", None),
+        (still, constant, "x", None),
+        (resting, np.random.default_rng(0).normal(size=t.size), "v0", None),
+        (OSCILLATOR, np.where(np.arange(t.size) < t.size - 2, np.nan, u), "k", 10.0),
+    ):
+        result = eig3.fit(problem, (t, data), name, sigma=sigma, **RK4)
+        assert "mean nothing" not in result.message
+        assert result.success
+
+
 def test_missing_values_of_a_table_leave_out_their_entries_alone():
     run = CHAIN.integrate(h=0.01, method="rk4", save_every=10)
     table = run.u.copy()
@@ -539,13 +576,20 @@ with_a_mass = eig3.jit(lambda t, u, v, p: -(p.k * u + p.c * v) / p.m)
 
 
 def test_parameters_that_the_data_do_not_determine_are_named():
-    problem = eig3.Problem("mass", with_a_mass, 1.0, 0.5, {"m": 1.0, "k": 4.0, "c": 0.2, "idle": 1.0}, (0, 10))
+    problem = eig3.Problem(
+        "mass", with_a_mass, 1.0, 0.5, {"m": 1.0, "k": 4.0, "c": 0.2, "idle": 1.0, "none": 0.0}, (0, 10)
+    )
     result = eig3.fit(problem, exact_data(), {"m": 1.1, "k": 4.0, "c": 0.2, "u0": 1.1}, **RK4)
     assert result.message.endswith("do not tell m, k and c apart: leave one of them out of parameters.")
     assert [result.errors[name] for name in "mkc"] == [np.inf] * 3
     assert result.errors["u0"] < 1
     result = eig3.fit(problem, exact_data(), ["k", "idle"], **RK4)
     assert result.message.endswith("The data do not depend on idle: leave it out of parameters.")
+    all_of_them = ["m", "k", "c", "idle", "none", "u0"]
+    result = eig3.fit(problem, exact_data(), all_of_them, **RK4)
+    assert "The data do not depend on idle or none: leave them out of parameters." in result.message
+    assert result.message.endswith("do not tell m, k and c apart: leave one of them out of parameters.")
+    result = eig3.fit(problem, exact_data(), ["k", "idle"], **RK4)
     assert "idle = 1 +- inf" in repr(result)
 
 
@@ -578,6 +622,10 @@ BAD_VALUES = [
     ({"data": ([0.0] * 3, [1.0] * 3)}, "data must have a time after the start of the run at t = 0"),
     ({"data": (T[:2], U[:2])}, "data must hold at least 3 values for 2 parameters and their scatter"),
     ({"data": (T[1:2], U[:1]), "sigma": 1}, "data must hold at least 2 values for 2 parameters, not 1"),
+    (
+        {"data": {"a": (T, U)}},
+        "data must have names .*, and accelerations are none: give an output that calls rhs",
+    ),
     ({"data": {"w": (T, U)}}, r"data must have names of quantities, but there is no w: did you mean"),
     ({"data": {"time": (T, T), "u": (T, U)}}, "data must have names of quantities, but there is no time: did you mean"),
     ({"data": {"u": (T, U), "v": (T, U)}}, "sigma must say how the series of data are weighted"),

@@ -411,6 +411,21 @@ def shaken_posts(n):
     return scene.problem((0.0, 1.0), work=True), masses, force / 2.0
 
 
+def test_the_work_of_a_sampled_motion_has_the_order_1():
+    """RK4 weights the power at the end of a step by h / 6, where the support has already stopped: this part is lost."""
+    k, slope, rest = 40.0, 0.5, 1.0
+    scene = Scene(dimension=1)
+    post = scene.fixed(0.0)
+    scene.add(LinearSpring(k, rest), post, scene.mass(1.0, rest))
+    scene.add(SampledMotion([0.0, 1.0], [0.0, slope], (1.0,)), post)
+    problem = scene.problem((0, 2), work=True)
+    omega = math.sqrt(k)
+    force = k * slope / omega * math.sin(omega)  # of the spring at t = 1; its stretch is slope / omega * sin(omega t)
+    for h in (1 / 64, 1 / 256):
+        drift = problem.integrate(h=h, method="rk4").drift["energy"]
+        assert drift == pytest.approx(h / 6 * abs(force * slope), rel=(omega * h) ** 2)  # RK4 has only higher terms
+
+
 @pytest.mark.parametrize("n", [1, 12])  # motions with lines of their own, or in the loop over the springs
 def test_no_step_jumps_over_a_bump_of_a_support(n):
     """A short bump of the area A at the time t leaves the motion A sin(20 - t) of a unit spring and mass."""

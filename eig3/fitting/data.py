@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,8 @@ from ..functions.checks import reals, shown
 from ..functions.layout import unknown_name
 from ..problem import Problem
 from ..result.solution import Solution
+
+_ACCELERATION = re.compile(r"a\d*|a_.+|acc(eleration)?s?")  # names that a user may give to an acceleration
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +62,11 @@ def check_data(problem: Problem, data: Any, outputs: Mapping[str, Any], sigma: A
     if not data:
         raise ValueError("data must hold at least one series, such as {'u0': (times, values)}, but it is empty.")
     for name in data:
+        if name not in known and _ACCELERATION.fullmatch(str(name)):
+            raise ValueError(
+                "data must have names of quantities, and accelerations are none: give an output that calls rhs, such "
+                f"as outputs={{{str(name)!r}: ...}}; eig3/fitting/README.md shows it."
+            )
         if name not in known:
             raise unknown_name("data must have names of quantities, but there is", str(name), [*known], ValueError)
     if sigma is None and len(data) > 1:

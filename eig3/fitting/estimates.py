@@ -9,6 +9,7 @@ import numpy as np
 _DOUBTFUL = 1e-3  # below this singular value, errors of one-sided differences might make parameters look determined
 _DEPENDENT = 1e-7  # smaller singular values, relative to the largest, belong to undetermined parameters
 _REST, _BEYOND = 0.5, 10.0  # parts of the residuals, and multiples of their errors, that a further step would remove
+_FAR = 2.0  # multiple of the spread of the data that the residuals of a right model do not exceed
 _INVOLVED = 1e-2  # least share of a parameter in such a combination
 
 
@@ -52,14 +53,22 @@ def correlation(matrix: np.ndarray) -> np.ndarray:
         return matrix / np.outer(errors, errors)
 
 
-def loose_note(names: Sequence[str], is_loose: np.ndarray) -> str:
-    """Return a sentence about parameters that the data do not determine; empty if there are none."""
-    loose = [name for name, each in zip(names, is_loose, strict=True) if each]
-    if not loose:
-        return ""
-    if len(loose) == 1:
-        return f" The data do not depend on {loose[0]}: leave it out of parameters."
-    return f" The data do not tell {', '.join(loose[:-1])} and {loose[-1]} apart: leave one of them out of parameters."
+def loose_note(names: Sequence[str], is_loose: np.ndarray, jacobian: np.ndarray) -> str:
+    """Return sentences about parameters that the data do not determine; empty if there are none."""
+    sizes = np.linalg.norm(jacobian, axis=0)
+    is_tied = is_loose & (sizes > _DEPENDENT * sizes.max())
+    if np.count_nonzero(is_tied) == 1:
+        is_tied[:] = False
+    idle, tied = (np.array(names)[mask] for mask in (is_loose & ~is_tied, is_tied))
+    note = ""
+    if len(idle):
+        them = "it" if len(idle) == 1 else "them"
+        note += f" The data do not depend on {' or '.join(idle)}: leave {them} out of parameters."
+    if len(tied):
+        note += (
+            f" The data do not tell {', '.join(tied[:-1])} and {tied[-1]} apart: leave one of them out of parameters."
+        )
+    return note
 
 
 def steps_note(names: Sequence[str], shifts: np.ndarray, errors: np.ndarray) -> str:
@@ -68,6 +77,19 @@ def steps_note(names: Sequence[str], shifts: np.ndarray, errors: np.ndarray) -> 
     if not shifted:
         return ""
     return f" The time steps shift {', '.join(shifted)} by more than the standard errors: take a smaller h or rtol."
+
+
+def far_note(scatter: float, spread: float, least: float) -> str:
+    """Return a sentence if the residuals scatter far more than the data do about their means; empty otherwise.
+
+    A scatter up to about `least` is explained by the noise or by round-off.
+    """
+    if not scatter > _FAR * max(spread, least):
+        return ""
+    return (
+        f" The residuals have a standard deviation of {scatter:.2g}, and the data have only {spread:.2g} about their "
+        "mean: the standard errors mean nothing. Start from other values, or take a shorter step."
+    )
 
 
 def early_note(jacobian: np.ndarray, residuals: np.ndarray, of_steps: np.ndarray) -> str:

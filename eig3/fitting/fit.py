@@ -20,7 +20,7 @@ from ..methods import Method
 from ..notebook import of_repr
 from ..problem import Problem
 from .data import Series, check_data
-from .estimates import correlation, covariance, early_note, is_doubtful, loose_note, steps_note
+from .estimates import correlation, covariance, early_note, far_note, is_doubtful, loose_note, steps_note
 from .model import Model
 from .picture import save
 from .places import Place, changed, check_places, sizes
@@ -29,6 +29,7 @@ _TOLERANCE = 1e-10  # relative, for the sum of squares and for the parameters
 _NO_GRADIENT = float(np.finfo(np.float64).eps)  # SciPy divides by zero if the gradient is zero at the start
 _LONG = 0.25  # the longest step of a difference with tolerances, relative to the size of a parameter
 _CLEAR = 10.0  # least change of the residuals over such a step, relative to their errors by the steps of the run
+_TINY = 1e-6  # a scatter, relative to the size of the data, that round-off and the end of the search explain
 _DIGITS = 16  # most digits of a value in texts
 _AT_BOUND = 1e-6  # largest distance from a bound, relative to its size, of a parameter that the data push towards it
 _ENDS = {
@@ -64,10 +65,13 @@ class Fit:
     problem : Problem
         The problem with the fitted parameters.
     success : bool
+        Whether the search ended by itself, with residuals that are not larger than the spread of the data.
     status : int
         The status of SciPy's least_squares.
     message : str
-        A sentence about the status.
+        Sentences about the status, and about values that are not reliable.
+    notes : tuple of str
+        The notes of the run with the fitted parameters, as in `Solution.notes`.
     n_runs : int
         Number of runs.
     """
@@ -84,6 +88,7 @@ class Fit:
     success: bool
     status: int
     message: str
+    notes: tuple[str, ...]
     n_runs: int
     _series: list[Series]
     _options: dict[str, Any]
@@ -120,7 +125,8 @@ class Fit:
         for name, value in self.values.items():
             by_steps = f"; error of the steps {self.step_errors[name]:.1g}" if name not in self.at_bound else ""
             lines.append(f"  {_with_error(name, value, self.errors[name])}{by_steps}")
-        return "\n".join([*lines, f"  scatter of the residuals: {self.scatter:.4g}", f"  {self.message}"])
+        lines += [f"  scatter of the residuals: {self.scatter:.4g}", f"  {self.message}"]
+        return "\n".join([*lines, *(f"  Note: {note}" for note in self.notes)])
 
     _repr_html_ = of_repr
 
@@ -273,13 +279,14 @@ def _found(
     jacobian = np.zeros((len(model), len(first)))
     jacobian[:, is_free] = result.jac
     x, is_bound = _at_bounds(result.x, jacobian.T @ result.fun, lengths, bounds)
-    residuals = result.fun if (x == result.x).all() else model.residuals(x)
+    residuals, notes = (result.fun if (x == result.x).all() else model.residuals(x)), model.run(x).notes
     freedom = len(residuals) - np.count_nonzero(~is_bound)
     scatter = float(np.sqrt(residuals @ residuals / freedom)) if freedom else np.nan
     matrix, is_loose = covariance(jacobian, lengths, ~is_bound, 1.0 if has_sigma else scatter**2)
     names, errors = [place.name for place in model.places], np.sqrt(np.diag(matrix))
     shifts, is_known = np.full(len(x), np.nan), ~is_bound & ~is_loose
-    of_steps = model.errors_of_steps(x, residuals)
+    least = 1.0 if has_sigma else _TINY * model.size / np.sqrt(len(model))
+    of_steps, far = model.errors_of_steps(x, residuals), far_note(scatter, model.spread(), least)
     shifts[is_known] = np.abs(np.linalg.pinv(jacobian[:, is_known]) @ of_steps)
     shifts *= lengths
     return Fit(
@@ -292,12 +299,14 @@ def _found(
         scatter=scatter,
         at_bound=tuple(name for name, each in zip(names, is_bound, strict=True) if each),
         problem=changed(problem, model.places, x),
-        success=bool(result.success),
+        success=bool(result.success) and not far,
         status=int(result.status),
         message=_ENDS[result.status]
+        + far
         + early_note(jacobian[:, is_known], residuals, of_steps) * (result.status > 0)
         + steps_note(names, shifts, errors)
-        + loose_note(names, is_loose),
+        + loose_note(names, is_loose, jacobian),
+        notes=notes,
         n_runs=model.n_runs,
         _series=list(model.series),
         _options=options,

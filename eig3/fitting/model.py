@@ -107,6 +107,13 @@ class Model:
         if self._failure:
             raise self._failure() from None
 
+    def spread(self) -> float:
+        """Return the standard deviation of the weighted data about the mean of each series; NaN for single values."""
+        present = [(each, ~np.isnan(each.values)) for each in self.series]
+        parts = [(x := each.values[mask]) - x.mean() for each, mask in present if mask.any()]
+        freedom = len(self) - len(parts)
+        return float(np.linalg.norm(np.concatenate(parts) / self._sigma) / np.sqrt(freedom)) if freedom else np.nan
+
     def by_series(self, residuals: np.ndarray) -> dict[str, np.ndarray]:
         """Return data minus model for each series, with NaN for missing values."""
         found = np.full(len(self._has_value), np.nan)

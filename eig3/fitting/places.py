@@ -141,6 +141,12 @@ def _place(problem: Problem, name: Any) -> Place:
     head, index = match[1], tuple(int(i) for i in match.groups()[1:] if i is not None)
     heads = _heads(problem)
     if head not in heads:
+        if _FLAT in heads:
+            last = check_params(problem.params).size - 1
+            raise ValueError(
+                f"{problem.name} has no {head}: its parameters have numbers, p[0] to p[{last}], in the order of "
+                f"problem.params. Other names are {', '.join(other for other in heads if other != _FLAT)}."
+            )
         raise unknown_name(f"{problem.name} has", head, [*heads], ValueError)
     field, key = heads[head]
     if key and field == "params":

@@ -43,6 +43,8 @@ class Sensitivities:
         The steps of the differences.
     step_errors : History or None
         Estimates of the time-step errors of the derivatives, if `check` is True.
+    notes : tuple of str
+        The notes of the run, as in `Solution.notes`, and of the ensemble.
     """
 
     values: dict[str, float]
@@ -52,6 +54,7 @@ class Sensitivities:
     errors: History
     steps: dict[str, float]
     step_errors: History | None = None
+    notes: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> History:
         if name not in self.values:
@@ -68,7 +71,7 @@ class Sensitivities:
             lines.append(line)
         if not self.step_errors:
             lines.append("  The error of the steps is not in these: check=True estimates it.")
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"  Note: {note}" for note in self.notes)])
 
 
 @with_solution
@@ -141,6 +144,7 @@ def sensitivities(
     chosen = differences(values, np.array(lengths))
     members = run(chosen.rows, h, every)
     found, step_errors = _history(members), None
+    single = problem.integrate(h=h, method=method, t_end=t_end, save_every=None, invariants={})
     if is_checked:
         finer = run(chosen.rows, members[0].h / 2, every and 2 * every)
         change = chosen.derivatives(_history(finer).less(found))
@@ -154,6 +158,7 @@ def sensitivities(
         chosen.errors(found, int(members.n_steps[0])),
         dict(zip(names, chosen.steps.tolist(), strict=True)),
         step_errors,
+        (*dict.fromkeys((*single.notes, *members.notes)),),
     )
 
 

@@ -132,7 +132,11 @@ def in_layout(layout: Layout | None, params: Any) -> Any:
         if name not in layout.names:
             raise unknown_name("params has", name, layout.names, TypeError)
         if name not in params.layout.names:
-            raise TypeError(f"params must have {name} too: its names are {', '.join(layout.names)}.")
+            given = params.layout.names[0]
+            raise TypeError(
+                f"params must have {name} too: its names are {', '.join(layout.names)}. To change some values only, "
+                f"give all by _replace, such as problem.params._replace({given}=...)."
+            )
     values = {name: params[name] for name in layout.names}
     for name, kind in zip(layout.names, layout.kinds, strict=True):
         own = params.layout.kinds[params.layout.names.index(name)]
