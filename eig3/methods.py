@@ -474,8 +474,8 @@ class Langevin(Method):
     -----
     By default there is neither friction nor noise: the method is then velocity Verlet, and so is ``method="langevin"``.
     The order is 2, also for averages. For an oscillator, the variance of u is k_B T / (m omega^2) at every step up to
-    the limit omega h = 2, and the variance of v is k_B T / m (1 - (omega h)^2 / 4). With large friction, averages over u
-    have the order 4.
+    the limit omega h = 2, and the variance of v is k_B T / m (1 - (omega h)^2 / 4). With large friction, averages over
+    u have the order 4.
 
     f must not read the velocity: such a force has another distribution, and BAOAB another order. States within a step,
     for `t_eval` and events, are interpolated without additional noise.

@@ -26,7 +26,7 @@ from numba.types import NamedTuple as Record
 from .compile.jit import bound, compile_kernel, element, function_at
 from .compile.numba_internals import Strip, parts_of, wide_vectors
 from .lane_observation import BAD, LANE_OBSERVATION, MOST_ROWS, OCCURRENCES, STATES, STOPPED, observing
-from .lanes import Lanes, Layout, compile_template
+from .lanes import BlockLayout, Lanes, compile_template
 from .loops.beginning import RESOLUTION, beginning, least_size, least_sizes
 from .loops.controller import LEAST_ERROR, exponent, next_step, shrinkage
 from .loops.formulas import variable_formulas
@@ -324,7 +324,7 @@ def watched(t, u, v, p, side, product):
         product[lane] = side[lane] * FUNCTION(t[lane], STATE(u, lane), STATE(v, lane), PARAMS(p, lane))
 
 
-def compile_event(function: Any, layout: Layout, is_checked: bool = False) -> Lanes:
+def compile_event(function: Any, layout: BlockLayout, is_checked: bool = False) -> Lanes:
     """Compile the function of an event for lanes with their own times."""
     return compile_template(watched, function, layout, _EVENT.args, is_checked)
 

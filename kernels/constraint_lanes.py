@@ -24,7 +24,7 @@ from numba.types import int64, none
 from .compile.jit import bound, function_at
 from .compile.source import Writer, define
 from .constraints import MOST_ITERATIONS
-from .lanes import Lanes, Layout, compile_block, compile_rhs, options_for, view
+from .lanes import BlockLayout, Lanes, compile_block, compile_rhs, options_for, view
 from .protocol import VECTOR, array_on_stack, vector_type
 
 #: The first number in the room of a lane: the residual before, or, if it is one of these, how the iteration has ended.
@@ -121,7 +121,7 @@ def find(u, x, p, room):
             x[first + lane] = x[first + lane] if room[lane] == CONVERGED else math.nan
 
 
-def compile_constrained(functions: UnrolledConstraints, layout: Layout, is_checked: bool = False) -> Lanes:
+def compile_constrained(functions: UnrolledConstraints, layout: BlockLayout, is_checked: bool = False) -> Lanes:
     """Compile the right-hand side of a block, which knows the constraints."""
     forces = compile_rhs(functions.forces.py_func, layout, is_checked)
     parts = {"forces": forces, **_parts(("react",), functions, layout, is_checked)}
@@ -130,7 +130,7 @@ def compile_constrained(functions: UnrolledConstraints, layout: Layout, is_check
 
 
 def compile_keeping(
-    functions: UnrolledConstraints, layout: Layout, is_constrained_step: bool, is_checked: bool = False
+    functions: UnrolledConstraints, layout: BlockLayout, is_constrained_step: bool, is_checked: bool = False
 ) -> Lanes:
     """Compile the function of a block that keeps the constraints: a step of EIG-3, or else the projection."""
     size = layout.n * layout.lanes
@@ -162,7 +162,9 @@ def _addresses(parts: dict[str, Lanes]) -> dict[str, int]:
     return {name.upper(): part.address for name, part in parts.items()}
 
 
-def _parts(wanted: Sequence[str], functions: UnrolledConstraints, layout: Layout, is_checked: bool) -> dict[str, Lanes]:
+def _parts(
+    wanted: Sequence[str], functions: UnrolledConstraints, layout: BlockLayout, is_checked: bool
+) -> dict[str, Lanes]:
     """Compile the loops over the lanes around the lines of some parts."""
     names = {**layout.names(), "ROOM": view(functions.room, layout.lanes), "nan": math.nan, "inf": math.inf}
     found = {}

@@ -214,7 +214,7 @@ def nothing_to_widen(follow, first, part, t, v):
 
 
 @dataclass(frozen=True)
-class Layout:
+class BlockLayout:
     """The arrays of a block.
 
     Attributes
@@ -306,7 +306,7 @@ class Lanes:
     compiled: Any
 
 
-def compile_rhs(function: Callable, layout: Layout, is_checked: bool = False) -> Lanes:
+def compile_rhs(function: Callable, layout: BlockLayout, is_checked: bool = False) -> Lanes:
     """Compile the right-hand side of a block, from the plain Python function of the user.
 
     With `is_checked`, it raises an IndexError for an index beyond an array, and is not vectorised.
@@ -316,7 +316,7 @@ def compile_rhs(function: Callable, layout: Layout, is_checked: bool = False) ->
 
 
 def compile_quantity(
-    function: Callable, layout: Layout, shape: tuple[int, ...], is_event: bool = False, is_checked: bool = False
+    function: Callable, layout: BlockLayout, shape: tuple[int, ...], is_event: bool = False, is_checked: bool = False
 ) -> Lanes:
     """Compile the evaluation of an invariant or an output, whose value has the shape () or (k,).
 
@@ -332,7 +332,7 @@ def compile_quantity(
 def compile_template(
     template: Callable,
     function: Callable,
-    layout: Layout,
+    layout: BlockLayout,
     arguments: tuple,
     is_checked: bool,
     names: Mapping[str, Any] = MappingProxyType({}),

@@ -11,7 +11,7 @@ import eig3
 from eig3 import Status, problems
 from eig3.cli import main
 from eig3.ensembles.checked import errors_of_members
-from eig3.ensembles.in_process import Run as InProcess
+from eig3.ensembles.in_process import EnsembleRun
 from eig3.functions.companions import remembered
 from eig3.run import accuracy as module
 from eig3.run import chunks, short
@@ -372,8 +372,8 @@ def test_every_member_has_the_accuracy(accuracy, options):
 
 def test_a_later_ensemble_begins_with_what_was_learned(monkeypatch):
     runs = []
-    march = InProcess.march
-    monkeypatch.setattr(InProcess, "march", lambda self, *_, **__: runs.append(1) or march(self))
+    march = EnsembleRun.march
+    monkeypatch.setattr(EnsembleRun, "march", lambda self, *_, **__: runs.append(1) or march(self))
     first = ensemble(cubic, params=HARDENING, t_end=2000, accuracy=1e-6)
     count = len(runs)
     later = ensemble(cubic, params=HARDENING, t_end=2000, accuracy=1e-6)

@@ -31,7 +31,7 @@ from eig3.effects import (
 )
 from eig3.functions.guard import guarded
 from eig3.kernels.methods import eig
-from eig3.planning.pilots import Pilots, Run
+from eig3.planning.pilots import PilotRun, Pilots
 from eig3.planning.step_search import Search
 from eig3.scene import Scene
 from eig3.stability import alternating_limit, limit, practical_limit
@@ -939,7 +939,7 @@ def test_a_plan_from_a_part_of_the_span_keeps_the_step_of_the_encounters():
     pilots = Pilots(problem, "energy", 1e-2)
     pilots.look_at(0.25)
     search = Search(pilots, eig3.EIG3())
-    search.add(Run(20, 1e-4))
+    search.add(PilotRun(20, 1e-4))
     assert search.steps == math.ceil(10 / problem.critical_step().h)
 
 

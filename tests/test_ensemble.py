@@ -653,14 +653,14 @@ def test_an_interrupt_of_the_set_up_has_no_solution(monkeypatch, module, name):
 
 @pytest.mark.usefixtures("python_handler")
 def test_an_interrupt_after_the_last_step_comes_with_all_members(monkeypatch):
-    ended = in_process.Run.solution
+    ended = in_process.EnsembleRun.solution
 
     def with_signal(part):
         os.kill(os.getpid(), signal.SIGINT)
         return ended(part)
 
     for options in ({}, {"reduce": len}):
-        monkeypatch.setattr(in_process.Run, "solution", with_signal)
+        monkeypatch.setattr(in_process.EnsembleRun, "solution", with_signal)
         with pytest.raises(KeyboardInterrupt) as raised:
             eig3.ensemble(linear_spring, (0, 1), [1.0, 2.0], 0.0, h=0.01, params=1.0, **options)
         solution = raised.value.solution

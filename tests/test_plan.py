@@ -173,7 +173,7 @@ def test_a_run_close_to_unstable_does_not_show_how_errors_grow(error, is_known):
     """On a busy machine, such a run of a chaotic motion let a plan promise an accuracy over a time 16 times as long."""
     runs = pilots.Pilots(problems.spring_pendulum(t_end=100.0), "trajectory", 1e-6)
     runs.look_at(1 / 16)
-    runs.note_growth([pilots.Run(61, 1.0, seen_error=1e-4)], 1.0, pilots.Run(976, error, seen_error=error))
+    runs.note_growth([pilots.PilotRun(61, 1.0, seen_error=1e-4)], 1.0, pilots.PilotRun(976, error, seen_error=error))
     assert runs.knows_growth == is_known
 
 
@@ -211,7 +211,7 @@ def test_kinks_outside_a_short_part_deny_its_promise():
     """At 1e-7, the part of 3 ms has no contact, and RK8 promised 5e-15 for all 800 ms, with the error 9e-7."""
     search = runs_of(pilots.Pilots(problems.single_dof(), "trajectory", 1e-7), step_search.GUIDE, (61, 1e-15, math.inf))
     search.pilots.look_at(1 / 256)
-    promised = step_search._beside([(1 / 16, step_search.Run(976, 7e-7, seen_error=3e-8))], search, 1.0)
+    promised = step_search._beside([(1 / 16, step_search.PilotRun(976, 7e-7, seen_error=3e-8))], search, 1.0)
     assert "error grows too fast with time, as in chaos or after kinks of the force" in promised
 
 
@@ -221,7 +221,7 @@ def test_all_errors_grow_with_time_as_fast_as_one_of_them():
     system.look_at(1 / 16)
     search = step_search.Search(system, step_search.GUIDE)
     for n_steps, seen, power in ((122, 2.5e-6, 1.0), (244, 3e-8, 1.5), (488, 1e-14, 2.0)):  # the last one is round-off
-        search.add(step_search.Run(n_steps, 16**power * seen, seen_error=seen))
+        search.add(step_search.PilotRun(n_steps, 16**power * seen, seen_error=seen))
     assert [run.error for run in search.runs] == pytest.approx([64 * 2.5e-6, 64 * 3e-8, 256 * 1e-14])
 
 
@@ -229,7 +229,7 @@ def runs_of(system, method, *runs):
     """A search with runs, each with its steps, its error, and the fraction of the span up to which it is right."""
     search = step_search.Search(system, method)
     for n_steps, error, right in runs:
-        search.add(step_search.Run(n_steps, error, seen_error=error, right=right))
+        search.add(step_search.PilotRun(n_steps, error, seen_error=error, right=right))
     return search
 
 

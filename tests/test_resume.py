@@ -124,7 +124,7 @@ def test_an_interrupted_run_goes_on_from_anywhere(options, tmp_path, monkeypatch
     monkeypatch.setattr("eig3.stepping.slices._FIRST_SECONDS", 1e-7)
     monkeypatch.setattr(observer, "_LOG_ROWS", 2)
     monkeypatch.setattr(observer, "_LOG_VALUES", 0)
-    monkeypatch.setattr("eig3.run.history.FIRST_ROWS", 2)
+    monkeypatch.setattr("eig3.run.saved_rows.FIRST_ROWS", 2)
     options = {**options, "events": EVENTS, "outputs": {"energy": energy}}
     if "rtol" not in options:
         options["h"] = 0.5

@@ -696,12 +696,12 @@ def test_methods_without_tolerances_are_refused():
 JOINED = """
     import resource, sys
     import numpy as np
-    from eig3.run.history import FIRST_ROWS, History
+    from eig3.run.saved_rows import FIRST_ROWS, SavedRows
 
     def peak():
         return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
-    history, size = History((500,), {}, FIRST_ROWS, has_times=True, has_steps=True), 0
+    history, size = SavedRows((500,), {}, FIRST_ROWS, has_times=True, has_steps=True), 0
     while size < 450e6:
         arrays, first, end = history.arrays, history.row, min(len(history.arrays["t"]), history.row + 64)
         arrays["t"][first:end] = history.count + np.arange(end - first)

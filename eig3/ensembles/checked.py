@@ -13,7 +13,7 @@ from ..run.chunks import check_repeatable
 from ..run.variable_run import companion_ratios, companion_tolerances
 from ..stepping.march import Cancel
 from ..stepping.run_options import RunOptions
-from .in_process import Run
+from .in_process import EnsembleRun
 from .member_errors import MemberErrors
 from .members import Members
 from .solution import EnsembleSolution
@@ -37,7 +37,7 @@ def errors_of_members(
     else:
         tried = (_with_steps(members, options, steps) for steps in (_finer(members, options), 1))
         others = [other for other in tried if other]
-    found = [(Run(rhs, some, own, threads).march(cancel=cancel), ratio) for some, own, ratio in others]
+    found = [(EnsembleRun(rhs, some, own, threads).march(cancel=cancel), ratio) for some, own, ratio in others]
     return MemberErrors(solution, found, _starts(members, options, solution))
 
 

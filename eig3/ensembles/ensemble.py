@@ -32,7 +32,7 @@ from .accuracy import check_members_method, reach_members
 from .checked import check_members_repeatable, errors_of_members
 from .files import Directory
 from .in_parts import run_in_parts
-from .in_process import Run
+from .in_process import EnsembleRun
 from .member_tables import is_table
 from .members import Members, check_members
 from .named_members import OfMembers, split, with_lengths
@@ -201,7 +201,7 @@ def ensemble(
 
         def checked(options: RunOptions, cancel: Cancel | None) -> EnsembleSolution:
             if place is None:
-                solution = Run(rhs, members, options, own).march(progress, cancel)
+                solution = EnsembleRun(rhs, members, options, own).march(progress, cancel)
             else:
                 solution = run_in_parts(rhs, members, options, None, place, None, (own, 1), progress, cancel)
             with keeping(solution):
@@ -212,7 +212,7 @@ def ensemble(
 
         return reach_members(goal, rhs, options, checked, cancel) if goal else checked(options, cancel)
     if executor is None and reduce is None and save_to is None:
-        return Run(rhs, members, options, own).march(progress, cancel)
+        return EnsembleRun(rhs, members, options, own).march(progress, cancel)
     return run_in_parts(rhs, members, options, reduce, place, executor, (own, threads or 1), progress, cancel)
 
 

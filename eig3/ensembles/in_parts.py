@@ -18,7 +18,7 @@ from ..stepping.march import Cancel
 from ..stepping.run_options import RunOptions
 from ..stepping.threads import cores
 from .files import WHOLE, Directory, recipe_in, whole_in, with_error
-from .in_process import Run, at_start
+from .in_process import EnsembleRun, at_start
 from .members import Members
 from .parts import Joined, Listed, Results, parts_of
 from .recipe import differing, marks, restored
@@ -61,7 +61,7 @@ def run_in_parts(
 
 
 def _march(rhs: Any, options: RunOptions, members: Members, threads: int, cancel: Cancel | None) -> EnsembleSolution:
-    return Run(rhs, members, options, threads, is_part=True).march(cancel=cancel)
+    return EnsembleRun(rhs, members, options, threads, is_part=True).march(cancel=cancel)
 
 
 def _march_with_notes(

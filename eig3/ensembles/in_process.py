@@ -37,7 +37,7 @@ _READ = 16  # members whose records are read to find a step that skips much of t
 _POLL_SECONDS = 0.05  # between two checks for Ctrl-C
 
 
-class Run:
+class EnsembleRun:
     """A running ensemble in this process."""
 
     def __init__(self, rhs: Any, members: Members, options: RunOptions, threads: int, *, is_part: bool = False) -> None:
@@ -178,4 +178,4 @@ def _again(
     """Run all members to a later end, as `EnsembleSolution.extend` describes."""
     t_end = check_time(t_end, "t_end")
     times = further_times(options.t_eval, t_eval, members.t_span[1], t_end)
-    return Run(rhs, members.until(t_end), options._replace(t_eval=times), cores()).march(progress, cancel)
+    return EnsembleRun(rhs, members.until(t_end), options._replace(t_eval=times), cores()).march(progress, cancel)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..functions.guard import written_beyond
-from ..kernels.lanes import Layout
+from ..kernels.lanes import BlockLayout
 from ..kernels.protocol import DUE, EVALUATIONS, EVENTS, PART_END, SPACING, T_LOW, Steps
 from ..result.memory import aligned
 from ..stepping.followed import spacing_of
@@ -75,7 +75,9 @@ class LaneState:
         self._numbers = numbers
         self._settings = np.array(self._method.settings_of(numbers.tolist()), dtype=np.float64)
 
-    def _params(self, layout: Layout, everyone: Members, members: np.ndarray, named: NamedLanes | None) -> np.ndarray:
+    def _params(
+        self, layout: BlockLayout, everyone: Members, members: np.ndarray, named: NamedLanes | None
+    ) -> np.ndarray:
         """Return the array p of the kernel."""
         p = aligned((layout.size,))
         p[:] = np.nan  # rhs gets NaN if it reads beyond the parameters

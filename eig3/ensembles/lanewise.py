@@ -14,7 +14,7 @@ from ..functions.records import left_out_of
 from ..kernels.adaptive_lanes import adaptive_kernel, compile_event
 from ..kernels.compile.numba_internals import gist, options_of
 from ..kernels.constraint_lanes import UnrolledConstraints, compile_constrained, compile_keeping
-from ..kernels.lanes import Lanes, Layout, compile_quantity, compile_rhs
+from ..kernels.lanes import BlockLayout, Lanes, compile_quantity, compile_rhs
 from ..kernels.loops.fixed import wide_kernel
 from ..kernels.protocol import FOLLOWS, SEARCHES_LANES
 from ..methods import Method
@@ -77,7 +77,7 @@ class Setup:
     ----------
     method : Method
         The method of the steps.
-    layout : Layout
+    layout : BlockLayout
     named : NamedLanes or None
         The parameters, if the functions are written line by line.
     prepared : Prepared
@@ -100,7 +100,7 @@ class Setup:
     """
 
     method: Method
-    layout: Layout
+    layout: BlockLayout
     named: NamedLanes | None
     prepared: Prepared
     histories: Histories
@@ -165,7 +165,7 @@ def _on_obstacle(rhs: Any, obstacle: str) -> str:
 def _compiled(
     rhs: Any,
     callback: Callback,
-    layout: Layout,
+    layout: BlockLayout,
     method: Method,
     options: RunOptions,
     unrolled: UnrolledConstraints | None,
@@ -203,7 +203,7 @@ def _compiled(
 
 
 def _events_of(
-    layout: Layout, options: RunOptions, named: NamedLanes | None
+    layout: BlockLayout, options: RunOptions, named: NamedLanes | None
 ) -> tuple[list[tuple[Lanes, int]], list[tuple[int, int]]]:
     """Compile the functions of the events, and return them with their numbers of values, and the place of each event.
 
@@ -247,7 +247,7 @@ def _pays(members: Members, unrolled: UnrolledConstraints | None) -> bool:
 
 def layout_of(
     members: Members, method: Method, more_rows: int, threads: int, named: NamedLanes | None = None
-) -> Layout | None:
+) -> BlockLayout | None:
     """Return the arrays of a block with fixed steps; None if the members should run one at a time.
 
     The functions of each step read or write `more_rows` rows.
@@ -267,16 +267,18 @@ def layout_of(
     return _layout(members, lanes, named)
 
 
-def _layout(members: Members, lanes: int, named: NamedLanes | None = None, *, has_own_times: bool = False) -> Layout:
+def _layout(
+    members: Members, lanes: int, named: NamedLanes | None = None, *, has_own_times: bool = False
+) -> BlockLayout:
     k = members.params.shape[-1]
     shared, own = (0, k) if members.has_own_params else (k, 0)
     if named and own:
         shared, own = k, named.columns.size
-    return Layout(members.form, members.n, lanes, shared, own, members.has_own_step, has_own_times)
+    return BlockLayout(members.form, members.n, lanes, shared, own, members.has_own_step, has_own_times)
 
 
 def _lanes_of(
-    function: Any, callback: Callback, layout: Layout, compile_it: Callable[..., Lanes], *how: Any, of: Any = None
+    function: Any, callback: Callback, layout: BlockLayout, compile_it: Callable[..., Lanes], *how: Any, of: Any = None
 ) -> Lanes:
     """Call ``compile_it(of, layout, *how)``, at the first call only.
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..kernels.constraint_lanes import UnrolledConstraints
 
 
-class History(NamedTuple):
+class HistoryVariables(NamedTuple):
     """The history variables of a run in p, and two compiled functions of (t, u, v, p) that update them.
 
     History variables, such as the tangential springs of grains, advance only at the end of accepted steps. Trial
@@ -114,6 +114,6 @@ def constraints_of(rhs: Any) -> Constraints | None:
     return getattr(getattr(rhs, "py_func", None), "constraints", None)
 
 
-def history_of(rhs: Any) -> History | None:
+def history_of(rhs: Any) -> HistoryVariables | None:
     """Return the history of a right-hand side, or None. It is pickled with the Python function."""
     return getattr(getattr(rhs, "py_func", None), "history", None)

@@ -56,7 +56,7 @@ _REST = 1e-3  # with a smaller acceleration at the start, relative to the larges
 
 
 @dataclass(frozen=True)
-class History:
+class PilotStates:
     """The cost of a run, some of its states and, if computed, the largest change of the energy.
 
     If a run was stopped early, `seconds` and `n_rhs` are extrapolated. With tolerances, h is not a number.
@@ -74,7 +74,7 @@ class History:
 
 
 @dataclass(frozen=True)
-class Run:
+class PilotRun:
     """A run: its steps and error over the part of the span, its error over the whole span, and the cost of a step.
 
     `right` is the fraction of the part up to which the error is at most `CONVERGING`; infinity if it always is.
@@ -129,9 +129,9 @@ class Pilots:
         self._paces: dict[Method, float] = {}  # processor time of a step in the last run of each method
         self._compiled: set[tuple[Method, str]] = set()
         self._events = {name: event for name, event in problem.events.items() if event.apply is not None}
-        self._survey: History | None = None
-        self._seen: History | None = None  # the last run of the reference method
-        self._reference: History | None = None  # the reference run, with the exact displacements if they are known
+        self._survey: PilotStates | None = None
+        self._seen: PilotStates | None = None  # the last run of the reference method
+        self._reference: PilotStates | None = None  # the reference run, with the exact displacements if they are known
         self._growth: float | None = None  # ratio of the errors over the whole span and in the window, if known
         self.least_power, self.knows_growth = 0.0, True
         self._largest = math.inf  # a motion that is larger is unstable
@@ -205,13 +205,13 @@ class Pilots:
                 self._advance(method, 1e-9 * self.span, count, count)
         return n_steps * self._paces[method]
 
-    def refer_to(self, history: History) -> None:
+    def refer_to(self, history: PilotStates) -> None:
         """Set the reference for the errors of runs; the exact motion is used instead if it is known."""
         exact = self.problem.exact if self.window[0] == self.problem.t_span[0] else None
         self._reference = replace(history, u=exact(history.t)[0]) if exact else history
         self.note_sizes(history)
 
-    def note_sizes(self, history: History) -> None:
+    def note_sizes(self, history: PilotStates) -> None:
         """Make errors relative to the displacements of this run, or of the whole span if they are larger."""
         self._seen = history
         if self.part == 1:
@@ -221,7 +221,7 @@ class Pilots:
         known = 0.0 if self._survey is None else self._sizes_of(self._survey)
         self._sizes = np.maximum(self._sizes_of(history), known)
 
-    def have_one_speed(self, *runs: History) -> bool:
+    def have_one_speed(self, *runs: PilotStates) -> bool:
         """Whether runs are about as fast: with too long a step, a motion can gain energy once, and leave its place."""
         speeds = [self._sizes_of(run)[1] for run in runs]
         return max(speeds) <= _SAME_SPEED * min(speeds)
@@ -255,7 +255,7 @@ class Pilots:
         if self.part == 1:
             self._survey = None
 
-    def calibrate(self, method: Method, whole: Run) -> None:
+    def calibrate(self, method: Method, whole: PilotRun) -> None:
         """Find the ratio of an error over the whole span to the error in the window, from runs with the same steps.
 
         `whole` is a run of the whole span. If this is not possible, errors are extrapolated with the power of time that
@@ -272,7 +272,7 @@ class Pilots:
         if error > 0:
             self._growth, self.knows_growth = max(1.0, whole.error / error), True
 
-    def note_growth(self, short: Sequence[Run], part: float, run: Run) -> None:
+    def note_growth(self, short: Sequence[PilotRun], part: float, run: PilotRun) -> None:
         """Extrapolate with the power of time that a run over a longer part shows beside a run with the same steps.
 
         The ratio to the error over the whole span is better, if it is known.
@@ -306,11 +306,11 @@ class Pilots:
         self.part, self.window = part, (float(t0), float(end))
         self._u0, self._v0 = u0, v0
 
-    def run(self, method: Method, n_steps: int) -> Run:
+    def run(self, method: Method, n_steps: int) -> PilotRun:
         """Run a method over the part of the span."""
         history = self.history(method, n_steps)
         if history is None:
-            return Run(n_steps, math.inf)
+            return PilotRun(n_steps, math.inf)
         run = self.judged(n_steps, history)
         # Computing the energy takes time, and other processes may take longer than a short run.
         if self._energy or history.seconds < _SHORT:
@@ -319,7 +319,7 @@ class Pilots:
                 run = replace(run, seconds=min(run.seconds, again.seconds / n_steps)) if again else run
         return run
 
-    def history(self, method: Method, n_steps: int, longest: float = math.inf) -> History | None:
+    def history(self, method: Method, n_steps: int, longest: float = math.inf) -> PilotStates | None:
         """Run a method over the part of the span, and collect the data for its error; None if the run diverges.
 
         The run stops after `longest` seconds of processor time.
@@ -334,7 +334,7 @@ class Pilots:
             states *= 2
         return self._advance(method, h, n_steps, n_steps // states, longest)
 
-    def run_with_tolerance(self, method: Method, rtol: float, most: int) -> Run | str:
+    def run_with_tolerance(self, method: Method, rtol: float, most: int) -> PilotRun | str:
         """Run a method with tolerances over the part of the span, in at most `most` steps; if it fails, say why."""
         self._compile(method, "rtol", lambda: [self._solve(method, rtol, 1, follow=follow) for follow in (True, False)])
         solution = self._solve(method, rtol, most, follow=True)
@@ -344,14 +344,14 @@ class Pilots:
             return solution.message
         drift = solution.drift["energy"] / abs(self._start_energy) if self._energy else 0.0
         n_rhs = self.evaluations(method) * (solution.n_steps + solution.n_rejected)
-        history = History(solution.kernel_seconds, n_rhs, solution.t, solution.u, solution.v, drift, True, method)
+        history = PilotStates(solution.kernel_seconds, n_rhs, solution.t, solution.u, solution.v, drift, True, method)
         return self.judged(solution.n_steps, history)
 
-    def judged(self, n_steps: int, history: History) -> Run:
+    def judged(self, n_steps: int, history: PilotStates) -> PilotRun:
         """The run of this history, with its error extrapolated to the whole span."""
         error, power, right = self._error(history)
         growth = (1 / self.part) ** max(power, self.least_power) if self._growth is None else self._growth
-        return Run(n_steps, error * growth, history.seconds / n_steps, history.n_rhs / n_steps, error, right)
+        return PilotRun(n_steps, error * growth, history.seconds / n_steps, history.n_rhs / n_steps, error, right)
 
     @property
     def sizes(self) -> tuple[float, float] | None:
@@ -388,7 +388,7 @@ class Pilots:
 
     def _advance(
         self, method: Method, h: float, n_steps: int, every: int, longest: float = math.inf, *, follow: bool = False
-    ) -> History | None:
+    ) -> PilotStates | None:
         """Run in pieces, and stop once the run has diverged or taken `longest` seconds of processor time.
 
         A run with more occurrences of events than steps counts as unstable: a motion that changes stiffness or bounces
@@ -440,7 +440,7 @@ class Pilots:
         is_whole = decayed or stepper.index == n_steps
         if not is_whole:
             self._paces.pop(method, None)  # points that penetrate each other make steps slow
-        return History(stepper.seconds * whole, stepper.n_rhs * whole, t, u, v, drift, is_whole, method, h)
+        return PilotStates(stepper.seconds * whole, stepper.n_rhs * whole, t, u, v, drift, is_whole, method, h)
 
     @property
     def size(self) -> float:
@@ -516,7 +516,7 @@ class Pilots:
         """Return u or v of what moves."""
         return np.atleast_1d(self._motion(x))[..., self._moves]
 
-    def _sizes_of(self, history: History) -> np.ndarray:
+    def _sizes_of(self, history: PilotStates) -> np.ndarray:
         return np.array([np.abs(self._moving(x)).max(initial=0.0) for x in (history.u, history.v)])
 
     def _compile(self, method: Method, argument: str, run: Callable[[], Any]) -> None:
@@ -542,8 +542,8 @@ class Pilots:
         changes = np.abs(energies(self._energy, params, t, u, v) - start)
         return float(changes.max(initial=0.0)) / abs(self._start_energy)
 
-    def _error(self, history: History) -> tuple[float, float, float]:
-        """The error within the window, the exponent of its growth with time, and `Run.right`."""
+    def _error(self, history: PilotStates) -> tuple[float, float, float]:
+        """The error within the window, the exponent of its growth with time, and `PilotRun.right`."""
         if not self.needs_reference:
             return history.drift, 1.0, math.inf
         assert self._reference is not None
@@ -558,7 +558,7 @@ class Pilots:
         power = min(2.0, max(0.0, math.log2(error / half))) if half > 0 else 1.0
         return error, power, float((right.min(initial=math.inf) - self.window[0]) / (self.part * self.span))
 
-    def _at_some_steps(self, history: History) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _at_some_steps(self, history: PilotStates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return times of a run with tolerances, its displacements, and the reference at these times.
 
         Dense output would compile more kernels; the reference method takes some more steps instead.

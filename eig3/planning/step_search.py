@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from ..methods import EIG3, RK8, Method
 from ..run.accuracy import RESOLVED
-from .pilots import CONVERGING, FEWEST, TELLING, History, Pilots, Run
+from .pilots import CONVERGING, FEWEST, TELLING, PilotRun, Pilots, PilotStates
 
 NO_TIME = "no time was left to try it"
 GUIDE = RK8()
@@ -62,7 +62,7 @@ def guide(pilots: Pilots) -> Search | str:
         return "the accuracy is below round-off"
     failure = ""
     shortest = math.inf  # unstable step over a longer part
-    longer: list[tuple[float, Run]] = []  # longer parts, and their runs with the most steps
+    longer: list[tuple[float, PilotRun]] = []  # longer parts, and their runs with the most steps
     survey: Search | None = None
     for part, method, seconds in _TRIALS:
         if method == SCOUT and part < 1 and not survey:
@@ -106,7 +106,7 @@ def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
     pilots, method = search.pilots, search.method
     until, work, n_steps = pilots.spent + allowed, 0.0, FEWEST
     unstable = next_unstable = 0.0
-    coarse: History | None = None
+    coarse: PilotStates | None = None
     while _may_run(search, n_steps, until, work) or (
         surveys and not coarse and unstable + next_unstable < min(_UNSTABLE_SECONDS, pilots.left)
     ):
@@ -115,7 +115,7 @@ def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
         fine = pilots.history(method, n_steps, _SURVEY_SECONDS if surveys else expected)
         work += pilots.work(method, n_steps)
         if fine is None:
-            search.add(Run(n_steps, math.inf))
+            search.add(PilotRun(n_steps, math.inf))
             pilots.forget_survey()
             unstable += before - pilots.left
             next_unstable = 2 * (before - pilots.left)
@@ -144,7 +144,7 @@ def _double(search: Search, allowed: float, *, surveys: bool = False) -> bool:
     return search.reaches
 
 
-def _beside(longer: Sequence[tuple[float, Run]], search: Search, seconds: float) -> Search | str:
+def _beside(longer: Sequence[tuple[float, PilotRun]], search: Search, seconds: float) -> Search | str:
     """Return a search over a short part whose errors grow with time as runs over longer parts show; or why none can.
 
     With equal steps, the error of a regular motion grows at most with about the square of time.
@@ -168,7 +168,7 @@ def _beside(longer: Sequence[tuple[float, Run]], search: Search, seconds: float)
     )
 
 
-def _too_fast(pilots: Pilots, part: float, run: Run) -> str:
+def _too_fast(pilots: Pilots, part: float, run: PilotRun) -> str:
     """Return the reason why a run over this part of the span allows no prediction."""
     t = part * pilots.span
     return (
@@ -241,10 +241,10 @@ class Search(Timed):
     def __init__(self, pilots: Pilots, method: Method) -> None:
         self.pilots, self.method, self.evaluations = pilots, method, pilots.evaluations(method)
         self.label = method.label
-        self.runs: list[Run] = []  # from the fewest steps to the most
+        self.runs: list[PilotRun] = []  # from the fewest steps to the most
         self.is_settled = True  # whether the last two runs of a search for a reference show a motion of one speed
 
-    def add(self, run: Run) -> None:
+    def add(self, run: PilotRun) -> None:
         """Add a run. From a part of the span, the errors of all runs are extrapolated by the fastest growth of one."""
         runs = sorted([*self.runs, run], key=lambda run: run.n_steps)
         telling = [each for each in runs if _SURELY_ROUND_OFF < each.seen_error < TELLING]
@@ -294,12 +294,12 @@ class Search(Timed):
         return min((run.seconds for run in self.runs if math.isfinite(run.seconds)), default=math.inf)
 
     @property
-    def _bad(self) -> Run | None:
+    def _bad(self) -> PilotRun | None:
         """The run with the most steps that does not reach the aim."""
         return next((run for run in reversed(self.runs) if not run.error <= self.pilots.aim), None)
 
     @property
-    def _good(self) -> Run | None:
+    def _good(self) -> PilotRun | None:
         """The run with the fewest steps such that it and all finer runs reach the aim."""
         bad = self._bad
         return next((run for run in self.runs if not bad or run.n_steps > bad.n_steps), None)
@@ -322,11 +322,11 @@ class Search(Timed):
         between = self._between(bad, good) if bad.error < CONVERGING else math.sqrt(ratio) * bad.n_steps
         return max(between, 1.001 * _SAME * bad.n_steps)
 
-    def _between(self, bad: Run, good: Run) -> float:
+    def _between(self, bad: PilotRun, good: PilotRun) -> float:
         """The steps for an error just below the aim, if the error is a power of the step."""
         return 1.01 * bad.n_steps * (bad.error / self.pilots.aim) ** (1 / self._slope(bad, good))
 
-    def _slope(self, bad: Run, good: Run) -> float:
+    def _slope(self, bad: PilotRun, good: PilotRun) -> float:
         return math.log(bad.error / max(good.error, 1e-300)) / math.log(good.n_steps / bad.n_steps)
 
     @property
@@ -385,7 +385,7 @@ class Search(Timed):
         """The steps over the part of the span that reach the aim; 0 if unknown."""
         good, bad = self._good, self._bad
         if not good:
-            last = self.runs[-1] if self.runs else Run(0, math.inf)
+            last = self.runs[-1] if self.runs else PilotRun(0, math.inf)
             is_known = last.error < CONVERGING and not self.is_stalled and self.pilots.knows_growth
             return last.n_steps * (last.error / self.pilots.aim) ** (1 / self.order) if is_known else 0
         if bad and good.n_steps > _COARSE * bad.n_steps and self.pilots.needs_reference and not self.is_limited:

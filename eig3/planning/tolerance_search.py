@@ -6,7 +6,7 @@ import math
 
 from ..methods import RK5, RK8, RKN12, Method
 from ..stepping.tolerances import LEAST_RTOL
-from .pilots import Pilots, Run
+from .pilots import PilotRun, Pilots
 from .step_search import NO_TIME, Timed
 
 VARIABLE: tuple[Method, ...] = (RK8(), RKN12(), RK5())  # the methods that are tried with tolerances
@@ -32,7 +32,7 @@ class ToleranceSearch(Timed):
     def __init__(self, pilots: Pilots, method: Method) -> None:
         self.pilots, self.method, self.evaluations = pilots, method, pilots.evaluations(method)
         self.label = f"{method.label} with tolerances"
-        self.runs: list[tuple[float, Run]] = []
+        self.runs: list[tuple[float, PilotRun]] = []
         self.failure = ""
 
     def run(self, other: Timed, *, longest: float, enough: float = math.inf) -> None:
@@ -87,7 +87,7 @@ class ToleranceSearch(Timed):
         return None if any(wanted == tried for tried, _ in self.runs) else wanted
 
     @property
-    def _good(self) -> tuple[float, Run] | None:
+    def _good(self) -> tuple[float, PilotRun] | None:
         """The run with the largest tolerance such that it and all runs with smaller tolerances reach the aim."""
         found = None
         for rtol, run in sorted(self.runs, key=lambda entry: entry[0]):

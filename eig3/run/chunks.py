@@ -28,8 +28,8 @@ from ..result.solution import Solution, Status
 from ..result.storage import Place
 from ..stepping.march import Cancel, Rows
 from ..stepping.run_options import NEVER
-from .history import History
 from .progress import Progress
+from .saved_rows import SavedRows
 
 _CHUNK_SECONDS = 0.1  # duration of a chunk of steps, after which the run is checked
 COMPLETED = "The run reached the end of its span."
@@ -89,7 +89,7 @@ class Run:
     place : Place or None
         Where the run saves its rows.
     progress : bool
-    history : History, optional
+    history : SavedRows, optional
         For the rows; by default an empty history with space for them.
 
     Attributes
@@ -107,7 +107,7 @@ class Run:
         times: np.ndarray | None,
         place: Place | None = None,
         progress: bool = False,
-        history: History | None = None,
+        history: SavedRows | None = None,
     ) -> None:
         self.stepper, self.every, self.times = stepper, every, times
         self.place, self._shows_progress = place, progress
@@ -126,7 +126,7 @@ class Run:
         """Return an independent run to a later end, which starts at the end of this run."""
         raise NotImplementedError
 
-    def _empty_history(self) -> History:
+    def _empty_history(self) -> SavedRows:
         """Return an empty history with space for rows.
 
         Raises

@@ -31,9 +31,9 @@ from ..stepping.system import System
 from ..stepping.threads import side_by_side
 from .chunks import Run, compared
 from .growth import Growth
-from .history import History
 from .instability import has_grown, instability
 from .progress import check_progress
+from .saved_rows import SavedRows
 
 _LARGEST_GRADE = 7  # with a higher grade of EIG and a force that reads the velocity, a note advises against it
 
@@ -55,7 +55,7 @@ class FixedRun(Run):
         times: np.ndarray | None,
         place: Place | None = None,
         progress: bool = False,
-        history: History | None = None,
+        history: SavedRows | None = None,
     ) -> None:
         self.n_steps, self.t_end, self.save_every = n_steps, t_end, save_every
         self.growth = Growth(stepper, n_steps)
@@ -164,7 +164,7 @@ class FixedRun(Run):
             "growth": self.growth.kept(),
         }
 
-    def _empty_history(self) -> History:
+    def _empty_history(self) -> SavedRows:
         stepper, place = self.stepper, self.place
         n_steps, every = (self.n_steps, self.every) if self.times is None else (len(self.times) - 1, 1)
         functions = stepper.system.functions
@@ -173,7 +173,7 @@ class FixedRun(Run):
         else:
             check_disk(place.directory, n_steps, every, stepper.n, functions.n_outputs)
         state, directory = () if stepper.form is SCALAR else (stepper.n,), place.directory if place else None
-        return History(state, functions.shapes, n_rows(n_steps, every), directory, has_times=False, has_steps=False)
+        return SavedRows(state, functions.shapes, n_rows(n_steps, every), directory, has_times=False, has_steps=False)
 
     def _left(self) -> int:
         # The state in the middle of the run shows the size of a motion that starts at rest.
@@ -317,7 +317,7 @@ class FixedRun(Run):
 
 
 # The history of a loaded run, whose saved states are in the solution.
-_EMPTY = History((), {}, 0, has_times=False, has_steps=False)
+_EMPTY = SavedRows((), {}, 0, has_times=False, has_steps=False)
 
 
 def grid(t0: float, h: float, every: int, count: int, index: int, t_end: float, first: int = 0) -> np.ndarray:

@@ -30,8 +30,8 @@ from ..stepping.variable_stepper import VariableStepper
 from . import short
 from .chunks import Run, Stop, compared
 from .growth import OVERFLOWING
-from .history import FIRST_ROWS, History
 from .progress import check_progress
+from .saved_rows import FIRST_ROWS, SavedRows
 
 _NO_BOUND = (
     "rtol does not bound the errors of the springs between grains, whose order in the step is low, and their estimate "
@@ -174,11 +174,11 @@ class VariableRun(Run):
         """The function of `Solution.at`, if it has one, for a run whose states are all saved; None for other runs."""
         return self.stepper.states_between if self.every == 1 and self.times is None else None
 
-    def _empty_history(self) -> History:
+    def _empty_history(self) -> SavedRows:
         stepper, times = self.stepper, self.times
         state, directory = () if stepper.form is SCALAR else (stepper.n,), self.place.directory if self.place else None
         rows, shapes = FIRST_ROWS if times is None else len(times), stepper.system.functions.shapes
-        return History(state, shapes, rows, directory, has_times=times is None, has_steps=True)
+        return SavedRows(state, shapes, rows, directory, has_times=times is None, has_steps=True)
 
     def _left(self) -> int:
         stepper = self.stepper

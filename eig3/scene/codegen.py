@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..functions.callbacks import jit
-from ..functions.companions import Angles, Constraints, Cutoffs, History
+from ..functions.companions import Angles, Constraints, Cutoffs, HistoryVariables
 from ..functions.events import EffectEvent, Event
 from ..functions.families import Family
 from ..functions.records import Records
@@ -113,7 +113,7 @@ def compiled(assembly: Assembly, threads: int | None = None) -> dict[str, Any]:
         functions["rhs"].py_func.constraints = writing.constraints_of(functions)
     if writing.grains:
         places = tuple(text.springs for text in writing.grains)
-        functions["rhs"].py_func.history = History(functions["begin"], functions["advance"], places)
+        functions["rhs"].py_func.history = HistoryVariables(functions["begin"], functions["advance"], places)
     if assembly.rates:
         for name in functions.keys() & {"rhs", "energy", "reactions"}:
             functions[name].py_func.reads_z = True  # it takes first-order unknowns in the form of kernels

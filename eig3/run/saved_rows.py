@@ -21,7 +21,7 @@ _BLOCK_BYTES = 2**27
 _NONE = np.empty(0)
 
 
-class History:
+class SavedRows:
     """The saved states of a run, with the values of its outputs.
 
     The kernel writes rows of the present block. In memory, a full block is stored, and `whole` joins the blocks: it
