@@ -296,6 +296,7 @@ def test_gyroscopic_forces_keep_the_energy_and_a_note_tells_where_the_method_doe
 K = stiffness()
 M = np.ones(N)
 UNSYMMETRIC = K.toarray() + np.eye(N, k=2)
+FREE = K - scipy.sparse.diags_array([100.0, *[0.0] * (N - 1)])  # the links of an isolated building hold it
 BAD = {
     r"M must be a square matrix, not one of the shape \(2, 3\)": {"M": np.ones((2, 3))},
     "M must have positive, finite masses, but the mass of degree of freedom 0 is 0: condense": {"M": np.zeros(N)},
@@ -312,6 +313,10 @@ BAD = {
     "threads must be a whole number of at least 1": {"threads": 0},
     'lump must be "row" or "hrz"': {"lump": "best"},
     "modes must be at most the 6 degrees of freedom, not 7": {"damping": eig3.Modal(0.05, 7)},
+    "modes must vibrate, but mode 1 is a rigid motion of K, which does not include links: give C = b K": {
+        "K": FREE,
+        "damping": eig3.Rayleigh(0.05, modes=(1, 3)),
+    },
     "damping needs K": {"K": None, "damping": eig3.Rayleigh(0.05, 1, 2)},
     "ground must have a finite value for each of its 11 times": {"ground": (GROUND[0], GROUND[1][:5])},
     "the times of ground must be two or more finite numbers": {"ground": (GROUND[0][::-1], GROUND[1])},
