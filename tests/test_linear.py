@@ -538,6 +538,12 @@ def test_the_note_about_a_jump_names_the_member():
     assert not struck().ensemble(h=[0.001, 0.0025]).notes
 
 
+def test_one_influence_is_of_all_degrees_of_freedom():
+    given = {"K": K, "t_span": (0, 1)}
+    one, each = (eig3.linear(M, ground=(*GROUND, influence), **given) for influence in (0.5, np.full(N, 0.5)))
+    assert one.params == each.params
+
+
 def test_each_member_must_load_a_degree_of_freedom():
     """A number beyond them would be written to other memory."""
     with pytest.raises(ValueError, match="the degrees of force must be whole numbers from 0 to 5"):

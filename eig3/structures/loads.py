@@ -29,7 +29,8 @@ def check_ground(ground: Any, n: int) -> dict[str, Any]:
     times, values, *rest = _record(ground, "ground", wanted)
     if values.ndim != 1:
         raise ValueError(f"ground must have one acceleration for each time, not values of the shape {values.shape}.")
-    influence = reals(rest[0], "the influence of ground") if rest else np.ones(n)
+    influence = reals(rest[0] if rest else 1.0, "the influence of ground")
+    influence = influence if influence.ndim else np.full(n, influence)
     if influence.shape != (n,) or not np.isfinite(influence).all():
         raise ValueError(f"the influence of ground must be {n} finite numbers, not of the shape {influence.shape}.")
     return {"ground_times": times, "ground": values, "influence": influence, "ground_scale": 1.0}
