@@ -108,7 +108,10 @@ def check_together(params: Any, n: int) -> None:
         link = re.match(r"link_\d+_", name)
         count = len(has[f"{link[0]}first"]) if link else 0
         if link and len(values) != count:
-            raise ValueError(f"params[{name!r}] must have a value for each of {count} links, not {len(values)}.")
+            raise ValueError(
+                f"params[{name!r}] must have a value for each of {count} links, not {len(values)}: an ensemble "
+                f"takes the shape (members, {count}), such as values[:, None] for one link."
+            )
         if link and name[link.end() :] in ("first", "second") and not ((values >= -1) & (values < n)).all():
             raise ValueError(f"params[{name!r}] must be numbers from 0 to {n - 1}, or -1 for the ground.")
 
