@@ -38,6 +38,7 @@ from eig3.effects import (
     SampledMotion,
     SupportMotion,
 )
+from eig3.result.labels import Labels
 from eig3.run_report import _resolved, _steps
 from eig3.scene import Scene
 
@@ -490,6 +491,26 @@ def test_the_gif_has_all_frames_at_their_times(brief, swinging, tmp_path):
             pictures.append(np.asarray(film.convert("RGB")))
     assert all((one != other).any() for one, other in pairwise(pictures))
     assert pictures[0][-1, -1].tolist() == [255, 255, 255]
+
+
+def test_of_many_curves_the_first_and_the_last_are_drawn_in_different_colours(brief, tmp_path):
+    """A palette keeps the colours of the legend too, where curves lie on each other."""
+    names = tuple(f"floor {i}" for i in range(12))
+    t = np.linspace(0, 6, 121)
+    solution = made_up(t, np.outer(np.sin(t), np.ones(12)))
+    curves = Curves(Labels(names))
+    figure = Figure()
+    stage(figure, curves, Film.of(solution), solution)
+    legend = figure.axes[0].get_legend()
+    found = [text.get_text() for text in legend.get_texts()]
+    assert legend.get_title().get_text() == "10 of 12"
+    assert len(found) == 10
+    assert (found[0], found[-1]) == (names[0], names[-1])
+    with Image.open(animate_module.animate(curves, solution, tmp_path / "floors.gif")) as film:
+        pixels = np.asarray(film.convert("RGB"))[:, 350:].reshape(-1, 3)
+    colours, counts = np.unique(pixels, axis=0, return_counts=True)
+    # a line of the legend has 20 x 2 pixels, and one of the ten colours is grey
+    assert np.sum((counts >= 36) & (np.ptp(colours.astype(int), axis=1) > 20)) == 9
 
 
 def test_the_page_has_its_frames_and_refers_to_nothing_else(still, tmp_path):

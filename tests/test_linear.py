@@ -296,6 +296,7 @@ def test_gyroscopic_forces_keep_the_energy_and_a_note_tells_where_the_method_doe
 K = stiffness()
 M = np.ones(N)
 UNSYMMETRIC = K.toarray() + np.eye(N, k=2)
+FREE = K - scipy.sparse.diags_array([100.0, *[0.0] * (N - 1)])  # the links of an isolated building hold it
 BAD = {
     r"M must be a square matrix, not one of the shape \(2, 3\)": {"M": np.ones((2, 3))},
     "M must have positive, finite masses, but the mass of degree of freedom 0 is 0: condense": {"M": np.zeros(N)},
@@ -312,6 +313,10 @@ BAD = {
     "threads must be a whole number of at least 1": {"threads": 0},
     'lump must be "row" or "hrz"': {"lump": "best"},
     "modes must be at most the 6 degrees of freedom, not 7": {"damping": eig3.Modal(0.05, 7)},
+    "modes must vibrate, but mode 1 is a rigid motion of K, which does not include links: give C = b K": {
+        "K": FREE,
+        "damping": eig3.Rayleigh(0.05, modes=(1, 3)),
+    },
     "damping needs K": {"K": None, "damping": eig3.Rayleigh(0.05, 1, 2)},
     "ground must have a finite value for each of its 11 times": {"ground": (GROUND[0], GROUND[1][:5])},
     "the times of ground must be two or more finite numbers": {"ground": (GROUND[0][::-1], GROUND[1])},
@@ -348,7 +353,9 @@ CHANGED = {
     "the degrees of force must be whole numbers from 0 to 5": {"degrees": [0, 6]},
     r"params\['m'\] must have 6 masses, not 5": {"m": M[:5]},
     r"params\['K'\] must have the shape \(6, 6\), not \(4, 4\)": {"K": scipy.sparse.csr_array(stiffness(4))},
-    r"params\['link_0_stiffness'\] must have a value for each of 1 links, not 2": {"link_0_stiffness": [1.0, 2.0]},
+    r"params\['link_0_stiffness'\] must have a value for each of 1 links, not 2: .* \(members, 1\)": {
+        "link_0_stiffness": [1.0, 2.0]
+    },
     r"params\['link_0_second'\] must be numbers from 0 to 5, or -1": {"link_0_second": [6]},
     "params must keep the number of links, 1, not have 2": {"link_0_first": [-1, 1]},
     "params are of a structure with 5 degrees of freedom, and not 6": {"size": 5},
@@ -531,6 +538,12 @@ def test_the_note_about_a_jump_names_the_member():
     for found, who in ((of_all, ""), (of_steps, " of member 1"), (of_records, " of member 2")):
         assert f"h = 0.1{who} {note}" in " ".join(found.notes)
     assert not struck().ensemble(h=[0.001, 0.0025]).notes
+
+
+def test_one_influence_is_of_all_degrees_of_freedom():
+    given = {"K": K, "t_span": (0, 1)}
+    one, each = (eig3.linear(M, ground=(*GROUND, influence), **given) for influence in (0.5, np.full(N, 0.5)))
+    assert one.params == each.params
 
 
 def test_each_member_must_load_a_degree_of_freedom():

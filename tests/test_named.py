@@ -538,8 +538,9 @@ def test_members_may_have_parameters_each():
     np.testing.assert_array_equal(each.u, problem.ensemble(params={"k": ks}, h=0.01).u)
     values = [eig3.Parameters({"a": np.ones(n)}) for n in (2, 3)]
     sized = eig3.Problem("sized", first_of_array, 1.0, 0.0, values[0], (0.0, 1.0))
-    with pytest.raises(ValueError, match=r"^params must have arrays of the same sizes for all members"):
-        sized.ensemble(params=values, h=0.01)
+    for given in (values, {"a": [np.ones(2), np.ones(3)]}):
+        with pytest.raises(ValueError, match=r"^params must have arrays of the same sizes for all members: resample"):
+            sized.ensemble(params=given, h=0.01)
 
 
 FRAME = pd.DataFrame({"k": [1.0, 2.0, 3.0], "c": [0.1, 0.2, 0.3], "power": [1, 1, 1]})

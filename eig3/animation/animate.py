@@ -13,6 +13,7 @@ import numpy as np
 from .. import drawing
 from ..functions.checks import check_time
 from ..result.solution import Solution
+from .curves import Curves
 from .film import RATE, Film
 from .geometry import geometry
 from .look import Look
@@ -55,7 +56,7 @@ def animate(
             f"t_end must be the end of the whole run, at or after t = {solution.t[-1]:g} where the solution ends, not "
             f"{t_end!r}."
         )
-    colors = COLORS if (look or {}).get("color") is None else MANY_COLORS
+    has_many = isinstance(view, Curves) or (look or {}).get("color") is not None
     view = _with_look(view, name, solution, look or {})
     import matplotlib as mpl
     from PIL import Image
@@ -66,7 +67,7 @@ def animate(
         mpl.rc_context({"font.size": 9, "axes.titlesize": 9}),
         with_second_process(partial(_redraw, view, film, solution, t_end), count) as draw,
     ):
-        write_film(path, lambda i: Image.fromarray(draw(i)), count, RATE, colors)
+        write_film(path, lambda i: Image.fromarray(draw(i)), count, RATE, MANY_COLORS if has_many else COLORS)
     return path
 
 

@@ -12,13 +12,13 @@ from ..result.labels import Labels, with_unit
 from .film import Film
 from .shapes import coils, limits
 
-_MOST = 6  # degrees of freedom in one picture
+_MOST = 10  # degrees of freedom in one picture, and colours of matplotlib
 _TRAIL = 1.5  # seconds of the film
 
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """The first degrees of freedom against time.
+    """The degrees of freedom against time; of many, some from the first to the last.
 
     Attributes
     ----------
@@ -31,13 +31,17 @@ class Curves:
     def __call__(self, figure: Any, film: Film) -> Callable[[int], None]:
         if film.u.ndim == 1:
             return Portrait((self.labels.unit("u", 0), self.labels.unit("v", 0)))(figure, film)
-        count = min(_MOST, film.u.shape[1])
-        units = {self.labels.unit("u", j) for j in range(count)}
+        n = film.u.shape[1]
+        shown = np.unique(np.linspace(0, n - 1, min(_MOST, n)).round().astype(int))
+        units = {self.labels.unit("u", j) for j in shown}
         axes = figure.add_subplot()
         axes.set_ylabel(with_unit("displacement", " or ".join(sorted(units - {""}))))
-        names = [self.labels.name("u", j) for j in range(count)]
-        curves = film.path(lambda t, u: u[:, :count])
-        return _against_time(axes, film, curves, film.u[:, :count], names)
+        names = [self.labels.name("u", j) for j in shown]
+        curves = film.path(lambda t, u: u[:, shown])
+        move = _against_time(axes, film, curves, film.u[:, shown], names)
+        if n > len(shown):
+            axes.get_legend().set_title(f"{len(shown)} of {n}")
+        return move
 
 
 @dataclass(frozen=True, eq=False)

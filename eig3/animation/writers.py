@@ -24,7 +24,7 @@ import numpy as np
 #: A function that returns frame i as a Pillow image.
 Frame = Callable[[int], Any]
 
-COLORS, MANY_COLORS = 31, 127  # in a palette, without and with a scale of colours; one more marks unchanged pixels
+COLORS, MANY_COLORS = 31, 127  # in a palette, without and with many coloured parts; one more marks unchanged pixels
 _PAPER = 248  # a palette colour with all components above this is white
 _NO_FFMPEG = "mp4 needs ffmpeg, which was not found: pip install imageio-ffmpeg, or choose gif or html."
 

@@ -76,7 +76,8 @@ def _values(name: Any, column: Any) -> np.ndarray:
         values = np.array([*values]) if values.dtype == object else values  # the cells are arrays, or not numbers
     except ValueError:
         raise ValueError(
-            f"params must have values of {name} of the same shape in all members: take an ensemble for each shape."
+            f"params must have values of {name} of the same shape in all members: resample records to the same times, "
+            "add zeros at their ends, or take an ensemble for each shape."
         ) from None
     if values.dtype.kind not in "buif":
         raise TypeError(f"params must have numbers in {name}, not {shown(values)}: leave out what is not a parameter.")

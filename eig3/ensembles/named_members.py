@@ -20,6 +20,10 @@ from .member_tables import Table, table_of
 
 # Functions that do not compile. The references are weak, to free the memory of functions that are no longer used.
 _refused: WeakSet[Any] = WeakSet()
+_SIZES = (
+    "params must have arrays of the same sizes for all members: resample records to the same times, add zeros at their "
+    "ends, or take an ensemble for each size."
+)
 
 
 class OfMembers(NamedTuple):
@@ -54,9 +58,7 @@ def of_members(changes: Any, base: Parameters) -> OfMembers:
     if _has_parameters_each(changes):
         rows = [np.asarray(in_layout(layout, each)) for each in changes]
         if any(row.size != rows[0].size for row in rows):
-            raise ValueError(
-                "params must have arrays of the same sizes for all members: take an ensemble for each size."
-            )
+            raise ValueError(_SIZES)
         return OfMembers(np.array(rows), layout.names)
     table = changes if isinstance(changes, Table) else table_of(changes)
     given = _as_dict(changes) if table is None else table
@@ -66,9 +68,13 @@ def of_members(changes: Any, base: Parameters) -> OfMembers:
         if name not in layout.names:
             raise unknown_name("params has", name, layout.names)
         kind = layout.kinds[layout.names.index(name)]
-        if table is not None or (kind.ndim >= 0 and np.ndim(value) == kind.ndim + 1):
+        try:
+            ndim = np.ndim(value)
+        except ValueError:  # a list of arrays with different sizes
+            raise ValueError(_SIZES) from None
+        if table is not None or (kind.ndim >= 0 and ndim == kind.ndim + 1):
             each[name] = np.asarray(value)
-        elif kind.ndim < 0 and isinstance(value, list | tuple | np.ndarray) and np.ndim(value) != 2:
+        elif kind.ndim < 0 and isinstance(value, list | tuple | np.ndarray) and ndim != 2:
             raise ValueError(
                 f"params[{name!r}] must be one sparse matrix for all members: for a matrix for each member, give "
                 f"params=[{{{name!r}: ...}}, {{{name!r}: ...}}]."

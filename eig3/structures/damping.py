@@ -70,12 +70,18 @@ class Rayleigh:
         Raises
         ------
         ValueError
-            If a mode of the structure would have a negative damping ratio, and grow.
+            If a mode is a rigid motion, or a mode of the structure would have a negative damping ratio, and grow.
         """
         found = self
         if self.modes is not None:
             i, j = self.modes
             omega = natural_modes(mass, K, max(i, j))[0]
+            for mode in self.modes:
+                if omega[mode - 1] == 0:
+                    raise ValueError(
+                        f"modes must vibrate, but mode {mode} is a rigid motion of K, which does not include links: "
+                        "give C = b K in place of damping, or the frequencies omega1 and omega2."
+                    )
             found = Rayleigh(self.xi, float(omega[i - 1]), float(omega[j - 1]))
         a, b = found.coefficients
         if min(a, b) < 0:

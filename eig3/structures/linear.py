@@ -66,7 +66,7 @@ def linear(
     ground : tuple
         The ground motion (times, accelerations) or (times, accelerations, influence): u is then relative to the ground.
         The acceleration is linear between the times and zero outside. The influence is 1 for a degree of freedom in the
-        direction of the motion, and 0 for a perpendicular one; by default, 1 for all.
+        direction of the motion, and 0 for a perpendicular one; a number is for all, by default 1.
     damping : Rayleigh or Modal
         Damping in addition to C.
     links : sequence of (Link, first, second)

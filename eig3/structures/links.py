@@ -305,7 +305,7 @@ def _end(end: Any, names: Sequence[str], n: int, said: str, directions: int) -> 
     if any(isinstance(row, str) or np.ndim(row) == 0 or len(row) != directions for row in rows):
         raise ValueError(
             f"{said} acts across {directions} directions: give pairs of degrees of freedom for its ends, such as "
-            '("base.ux", "base.uy"), or None for the ground.'
+            '("base.ux", "base.uy"), ("base.ux", None) for one direction alone, or None for the ground.'
         )
     return np.array([[_number(x, names, n, said) for x in row] for row in rows], dtype=np.int64)
 

@@ -29,7 +29,8 @@ def check_ground(ground: Any, n: int) -> dict[str, Any]:
     times, values, *rest = _record(ground, "ground", wanted)
     if values.ndim != 1:
         raise ValueError(f"ground must have one acceleration for each time, not values of the shape {values.shape}.")
-    influence = reals(rest[0], "the influence of ground") if rest else np.ones(n)
+    influence = reals(rest[0] if rest else 1.0, "the influence of ground")
+    influence = influence if influence.ndim else np.full(n, influence)
     if influence.shape != (n,) or not np.isfinite(influence).all():
         raise ValueError(f"the influence of ground must be {n} finite numbers, not of the shape {influence.shape}.")
     return {"ground_times": times, "ground": values, "influence": influence, "ground_scale": 1.0}
@@ -107,7 +108,10 @@ def check_together(params: Any, n: int) -> None:
         link = re.match(r"link_\d+_", name)
         count = len(has[f"{link[0]}first"]) if link else 0
         if link and len(values) != count:
-            raise ValueError(f"params[{name!r}] must have a value for each of {count} links, not {len(values)}.")
+            raise ValueError(
+                f"params[{name!r}] must have a value for each of {count} links, not {len(values)}: an ensemble "
+                f"takes the shape (members, {count}), such as values[:, None] for one link."
+            )
         if link and name[link.end() :] in ("first", "second") and not ((values >= -1) & (values < n)).all():
             raise ValueError(f"params[{name!r}] must be numbers from 0 to {n - 1}, or -1 for the ground.")
 
