@@ -467,13 +467,15 @@ class Langevin(Method):
     Raises
     ------
     ValueError
-        If an option is not valid, or the number of masses differs from the number of degrees of freedom.
+        If an option is not valid, a temperature is given without gamma, or the number of masses differs from the number
+        of degrees of freedom.
 
     Notes
     -----
-    By default there is neither friction nor noise: the method is then velocity Verlet. The order is 2, also for
-    averages. For an oscillator, the variance of u is k_B T / (m omega^2) at every step up to the limit omega h = 2, and
-    the variance of v is k_B T / m (1 - (omega h)^2 / 4). With large friction, averages over u have the order 4.
+    By default there is neither friction nor noise: the method is then velocity Verlet, and so is ``method="langevin"``.
+    The order is 2, also for averages. For an oscillator, the variance of u is k_B T / (m omega^2) at every step up to
+    the limit omega h = 2, and the variance of v is k_B T / m (1 - (omega h)^2 / 4). With large friction, averages over
+    u have the order 4.
 
     f must not read the velocity: such a force has another distribution, and BAOAB another order. States within a step,
     for `t_eval` and events, are interpolated without additional noise.
@@ -495,6 +497,8 @@ class Langevin(Method):
         for name, value in (("gamma", self.gamma), ("temperature", self.temperature)):
             if not (isinstance(value, numbers.Real) and 0 <= value <= _LARGEST):
                 raise ValueError(f"{name} must be a finite number of at least 0, not {shown(value)}.")
+        if self.temperature and not self.gamma:
+            raise ValueError("temperature acts only with friction: give gamma too, such as gamma=1.0.")
         if self.mass is not None:
             masses: tuple[float, ...] = tuple(np.ravel(np.asarray(self.mass)).tolist())
             if not masses or not all(_is_mass(m) for m in masses):

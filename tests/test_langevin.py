@@ -364,6 +364,7 @@ def test_a_force_that_reads_the_velocity_is_refused():
     [
         ({"gamma": -1.0}, "^gamma must be a finite number of at least 0, not -1.0"),
         ({"temperature": math.nan}, "^temperature must be a finite number of at least 0, not nan"),
+        ({"temperature": 1.2}, "^temperature acts only with friction: give gamma too, such as gamma=1.0"),
         ({"temperature": "hot"}, "^temperature must be a finite number of at least 0, not 'hot'"),
         ({"mass": 0.0}, "^mass must be a positive number, or a sequence of them, not 0.0"),
         ({"mass": [1.0, -1.0]}, r"^mass must be a positive number, or a sequence of them, not \[1.0, -1.0\]"),

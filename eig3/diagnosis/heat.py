@@ -17,7 +17,7 @@ _CERTAIN = 60.0  # minus twice the logarithm of the chance to be as hot at the t
 def heat(stepper: Stepper) -> str:
     """Describe an end that is hotter than the temperature allows; empty if it is not."""
     method = stepper.running
-    if not isinstance(method, Langevin) or not method.gamma * method.temperature:
+    if not isinstance(method, Langevin) or not method.temperature:
         return ""
     masses = np.broadcast_to(1.0 if method.mass is None else method.mass, stepper.n)
     has_noise = np.isfinite(masses)
