@@ -186,6 +186,24 @@ def test_what_acts_about_an_axis_in_space_needs_a_revolute_joint_with_this_axis(
                 scene.problem((0.0, 1.0))
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_acts_on_a_rotation_that_a_joint_prevents_is_refused(dimension):
+    """It does nothing there, such as friction that is meant along a prismatic joint."""
+    axis = None if dimension == 2 else (1.0, 0.0, 0.0)
+    for is_slide in (True, False):
+        scene = Scene(dimension)
+        body = scene.body(1.0, 1.0 if dimension == 2 else (1.0, 1.0, 1.0), np.zeros(dimension))
+        body.friction(None, 5.0, axis, damping=2.0)
+        if is_slide:
+            body.prismatic(None, np.zeros(dimension), np.eye(dimension)[0])
+        else:
+            body.weld(None)
+        with pytest.raises(
+            ValueError, match=r"^hinge friction \(body 0, ground\) acts on a rotation, which .* prevents"
+        ):
+            scene.problem((0.0, 1.0))
+
+
 only_angle = eig3.jit(lambda t, theta, rate: theta)
 twofold = eig3.jit(lambda t, angle, rate: (angle, rate))
 

@@ -19,6 +19,7 @@ except ImportError as error:
 from .constraint import TINY, Constraint
 from .constraint_table import Arm, ConstraintTable, Row
 from .effect import Effect, Motion
+from .joint_law import HingeLaw, SlideLaw
 from .names import words
 from .placed import Placed
 
@@ -119,10 +120,26 @@ def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintS
                 units.append(equation.unit)
         if functions:
             kinds.append((law, np.arange(first, len(rows))))
+    _check_turns(cloud, placed, names)
     rows = [Row(row.arms, slopes=tuple(len(arms) + k for k in row.slopes)) if row.slopes else row for row in rows]
     length = max(np.abs(cloud.positions).max(), *(np.sqrt(abs(row.target)) for row in rows)) or 1.0
     table = ConstraintTable(1 / cloud.masses[cloud.is_own], len(cloud.box), arms, rows, slopes, length, degrees)
     return ConstraintSystem(table, names, units, counts, [law.effect for law in laws], kinds, _hinged(cloud, placed))
+
+
+def _check_turns(cloud: Any, placed: Sequence[Placed], names: Sequence[str]) -> None:
+    """Refuse a law about an axis between two bodies if a joint prevents each rotation between them."""
+    held = {name.partition("(")[2]: name for name in names if name.startswith(("prismatic joint", "weld"))}
+    for law in placed:
+        if not isinstance(law.effect, HingeLaw) or isinstance(law.effect, SlideLaw):
+            continue
+        for points in zip(*(array.tolist() for array in law.points), strict=True):
+            name = _name(cloud, words(law.effect.title), points)
+            if joint := held.get(name.partition("(")[2]):
+                raise ValueError(
+                    f"{name} acts on a rotation, which {joint} prevents: for a force along a prismatic joint, add "
+                    "CoulombFriction to body.centre, or a LinearDamper or another link between two points on its line."
+                )
 
 
 def _hinged(cloud: Any, placed: Sequence[Placed]) -> list[tuple[str, Arm, Arm]]:
