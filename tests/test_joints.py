@@ -226,6 +226,8 @@ def test_wrong_joints_are_refused():
         plane.add(effects.Motor(only_angle), disc.axes)
     with pytest.raises(TypeError, match="torque of Motor must return a number here"):
         disc.motor(None, twofold)
+    with pytest.raises(ValueError, match=r"for a mass take scene\.add\(PointJoint\(\), body\.at\(position\), mass\)"):
+        disc.revolute(plane.mass(1.0, (1.0, 0.0)), (1.0, 0.0))
     disc.revolute(None, (0.0, 0.0))
     disc.weld(None)
     with pytest.raises(ValueError, match=r"these constraints depend on each other at the start: .*weld 0"):
