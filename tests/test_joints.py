@@ -186,6 +186,24 @@ def test_what_acts_about_an_axis_in_space_needs_a_revolute_joint_with_this_axis(
                 scene.problem((0.0, 1.0))
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_acts_on_a_rotation_that_a_joint_prevents_is_refused(dimension):
+    """It does nothing there, such as friction that is meant along a prismatic joint."""
+    axis = None if dimension == 2 else (1.0, 0.0, 0.0)
+    for is_slide in (True, False):
+        scene = Scene(dimension)
+        body = scene.body(1.0, 1.0 if dimension == 2 else (1.0, 1.0, 1.0), np.zeros(dimension))
+        body.friction(None, 5.0, axis, damping=2.0)
+        if is_slide:
+            body.prismatic(None, np.zeros(dimension), np.eye(dimension)[0])
+        else:
+            body.weld(None)
+        with pytest.raises(
+            ValueError, match=r"^hinge friction \(body 0, ground\) acts on a rotation, which .* prevents"
+        ):
+            scene.problem((0.0, 1.0))
+
+
 only_angle = eig3.jit(lambda t, theta, rate: theta)
 twofold = eig3.jit(lambda t, angle, rate: (angle, rate))
 
@@ -208,6 +226,8 @@ def test_wrong_joints_are_refused():
         plane.add(effects.Motor(only_angle), disc.axes)
     with pytest.raises(TypeError, match="torque of Motor must return a number here"):
         disc.motor(None, twofold)
+    with pytest.raises(ValueError, match=r"for a mass take scene\.add\(PointJoint\(\), body\.at\(position\), mass\)"):
+        disc.revolute(plane.mass(1.0, (1.0, 0.0)), (1.0, 0.0))
     disc.revolute(None, (0.0, 0.0))
     disc.weld(None)
     with pytest.raises(ValueError, match=r"these constraints depend on each other at the start: .*weld 0"):
@@ -243,15 +263,17 @@ def rods_beside_each_other():
     return scene
 
 
+#: The joints, and the number of conditions that the others imply: a planar loop in space has 3.
 TOO_MANY = {
-    loop_of_hinges: [
+    loop_of_hinges: (
+        3,
         "revolute joint 0 (body 0, ground)",
         "revolute joint 1 (body 0, body 1)",
         "revolute joint 2 (body 1, body 2)",
         "revolute joint 3 (body 2, ground)",
-    ],
-    twice_on_a_slide: ["prismatic joint 0 (body 1, ground)", "prismatic joint 1 (body 1, ground)"],
-    rods_beside_each_other: ["rod 0 (body 0, mass)", "rod 1 (body 0, mass)"],
+    ),
+    twice_on_a_slide: (2, "prismatic joint 0 (body 1, ground)", "prismatic joint 1 (body 1, ground)"),
+    rods_beside_each_other: (1, "rod 0 (body 0, mass)", "rod 1 (body 0, mass)"),
 }
 
 
@@ -261,4 +283,7 @@ def test_too_many_constraints_are_named_as_the_user_wrote_them(make):
     with pytest.raises(ValueError, match="these constraints depend on each other at the start") as caught:
         make().problem((0.0, 1.0))
     named = str(caught.value).partition("start: ")[2].partition(";")[0]
-    assert sorted(re.split(r"(?<=\)), ", named)) == TOO_MANY[make]
+    surplus, *joints = TOO_MANY[make]
+    assert sorted(re.split(r"(?<=\)), ", named)) == joints
+    assert f"they have {surplus} conditions too many" in str(caught.value)
+    assert ("a spherical and a universal joint" in str(caught.value)) == (make is loop_of_hinges)

@@ -352,7 +352,10 @@ class RigidBody:
 
     def _check_other(self, other: RigidBody | None) -> None:
         if other is self or not isinstance(other, RigidBody | None):
-            raise ValueError("other must be another body, or None for the ground.")
+            raise ValueError(
+                "other must be another body, or None for the ground; for a mass take scene.add(PointJoint(), "
+                "body.at(position), mass)."
+            )
 
     def _frame(self, direction: ArrayLike, name: str) -> list[np.ndarray]:
         """Return a unit vector along a direction, and unit vectors that are perpendicular to it and to each other."""

@@ -19,6 +19,7 @@ except ImportError as error:
 from .constraint import TINY, Constraint
 from .constraint_table import Arm, ConstraintTable, Row
 from .effect import Effect, Motion
+from .joint_law import HingeLaw, SlideLaw
 from .names import words
 from .placed import Placed
 
@@ -119,10 +120,26 @@ def collected(cloud: Any, placed: Sequence[Placed], degrees: int) -> ConstraintS
                 units.append(equation.unit)
         if functions:
             kinds.append((law, np.arange(first, len(rows))))
+    _check_turns(cloud, placed, names)
     rows = [Row(row.arms, slopes=tuple(len(arms) + k for k in row.slopes)) if row.slopes else row for row in rows]
     length = max(np.abs(cloud.positions).max(), *(np.sqrt(abs(row.target)) for row in rows)) or 1.0
     table = ConstraintTable(1 / cloud.masses[cloud.is_own], len(cloud.box), arms, rows, slopes, length, degrees)
     return ConstraintSystem(table, names, units, counts, [law.effect for law in laws], kinds, _hinged(cloud, placed))
+
+
+def _check_turns(cloud: Any, placed: Sequence[Placed], names: Sequence[str]) -> None:
+    """Refuse a law about an axis between two bodies if a joint prevents each rotation between them."""
+    held = {name.partition("(")[2]: name for name in names if name.startswith(("prismatic joint", "weld"))}
+    for law in placed:
+        if not isinstance(law.effect, HingeLaw) or isinstance(law.effect, SlideLaw):
+            continue
+        for points in zip(*(array.tolist() for array in law.points), strict=True):
+            name = _name(cloud, words(law.effect.title), points)
+            if joint := held.get(name.partition("(")[2]):
+                raise ValueError(
+                    f"{name} acts on a rotation, which {joint} prevents: for a force along a prismatic joint, add "
+                    "CoulombFriction to body.centre, or a LinearDamper or another link between two points on its line."
+                )
 
 
 def _hinged(cloud: Any, placed: Sequence[Placed]) -> list[tuple[str, Arm, Arm]]:
@@ -306,23 +323,30 @@ def _factors(system: ConstraintSystem, gradients: csr_array, weights: np.ndarray
     except RuntimeError:  # exactly singular
         pass
     some = _dependent(system, product)[1]
-    if _dependent(system, gradients @ gradients.T)[0] > _DEPENDENT:
+    surplus = _dependent(system, gradients @ gradients.T)[0]
+    if not surplus:
         raise ValueError(
             f"the reactions of {some} cannot be computed, because a mass is too small beside the others, or a body too "
             "thin: increase the mass, or make the largest moment of the body smaller than the sum of the others by a "
             "factor of 1 - 1e-6."
         )
+    in_space = (
+        "; two revolute joints can be a spherical and a universal joint, and a motion in a plane can have dimension=2"
+    )
     raise ValueError(
-        f"these constraints depend on each other at the start: {some}; leave out those that the others imply already, "
-        "or begin in another position."
+        f"these constraints depend on each other at the start: {some}; they have {surplus} conditions too many: leave "
+        "out those that the others imply already, or begin in another position"
+        f"{in_space if system.table.dimension == 3 and 'revolute' in some else ''}."
     )
 
 
-def _dependent(system: ConstraintSystem, product: csr_array) -> tuple[float, str]:
-    """Return the least eigenvalue of the scaled product, and the names of the constraints of its vector."""
+def _dependent(system: ConstraintSystem, product: csr_array) -> tuple[int, str]:
+    """Return how many constraints depend on the others, and the names of the constraints that the first one joins."""
     diagonal = product.diagonal()
     values, vectors = np.linalg.eigh(product.toarray() / np.sqrt(np.outer(diagonal, diagonal)))
     share = np.abs(vectors[:, 0])
     named = list(dict.fromkeys(system.names[k] for k in np.argsort(-share, kind="stable") if share[k] > 1e-6))
     named = [name for name in named if not name.startswith("rigid ")]  # a body alone is no constraint too many
-    return float(values[0]), ", ".join(named[:_MOST_NAMED]) + " and others" * (len(named) > _MOST_NAMED)
+    return int((values <= _DEPENDENT).sum()), ", ".join(named[:_MOST_NAMED]) + " and others" * (
+        len(named) > _MOST_NAMED
+    )
