@@ -99,7 +99,8 @@ class RigidBody:
     velocity actuators of MuJoCo, and ``friction`` its ``frictionloss`` and ``damping``. ``torsional_spring`` is
     ``TorsionalSpringDamper`` of exudyn, and a rotational ``zeroLength`` element with any uniaxial material of OpenSees.
 
-    Not included: rigid limits of joints (MuJoCo's ``range``; take a ``Gap``), armature, and friction that sticks.
+    Not included: rigid limits of joints (MuJoCo's ``range``; take a ``Gap`` and a ``Cable``), armature, and friction
+    that sticks.
     """
 
     scene: Description
