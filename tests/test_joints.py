@@ -93,6 +93,30 @@ def test_a_weld_with_the_ground_bears_the_load():
     np.testing.assert_allclose(weld, [[0.0, 2.0 * G - 3.0, -0.7 - 1.5]] * 101, rtol=0, atol=1e-10)
 
 
+def test_joints_in_space_bear_the_load_as_their_help_says():
+    """The joints are at the centres of bodies at rest, so that each bears the opposite of the given load."""
+    scene, force, torque = Scene(3), np.array([10.0, -20.0, 30.0]), np.array([1.0, 2.0, -3.0])
+    axis, other = np.array([0.6, 0.8, 0.0]), np.array([0.0, 0.0, 1.0])
+    bodies = [scene.body(1.0, (0.2, 0.2, 0.2), (x, 0.0, 0.0)) for x in (0.0, 1.0, 2.0)]
+    revolute, prismatic, universal = bodies
+    revolute.revolute(None, (0.0, 0.0, 0.0), axis)
+    prismatic.prismatic(None, (1.0, 0.0, 0.0), axis)
+    universal.universal(None, (2.0, 0.0, 0.0), axis, other)
+    scene.add(effects.Gravity(force))
+    for body in bodies:
+        scene.add(effects.Torque(torque), body.axes)
+    problem = scene.problem((0.0, 0.1))
+    found = problem.integrate(h=0.1, outputs=problem.outputs).outputs["reactions"][0, 18:]
+    e, f = np.linalg.svd([axis])[2][1:]
+    across = np.cross(axis, e), np.cross(axis, f)
+    expected = [
+        *(*force, *(-torque @ n for n in across)),
+        *(-force @ e, -force @ f, *(-torque @ n for n in (*across, np.cross(e, f)))),
+        *(*force, -torque @ np.cross(axis, other)),
+    ]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)  # round-off of 30 N
+
+
 def test_a_weld_in_space_bears_torques_about_each_axis():
     scene, torque = Scene(3), np.array([1.0, -0.5, 0.3])
     body = scene.body(1.0, (0.2, 0.3, 0.4), (0.0, 0.0, 0.0))

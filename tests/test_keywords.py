@@ -133,6 +133,9 @@ def test_a_prepared_run_and_a_problem_answer_too():
     assert str(caught.value) == "Prepared() has no argument 'tspan'; did you mean t_span?"
     with pytest.raises(TypeError, match=r"missing 1 required keyword-only argument: 'h'"):
         problems.kepler().stepper(method="rk4")
+    solution = eig3.integrate(spring, (0, 1), 1.0, 0.0, h=0.5, params=1.0)
+    with pytest.raises(TypeError, match=r"^Solution\.extend\(\) has no argument 'method'; its arguments are t_end, "):
+        solution.extend(2.0, method="cd")
     for name in problems.__all__:
         build = getattr(problems, name)
         assert pickle.loads(pickle.dumps(build)) is build

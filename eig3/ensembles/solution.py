@@ -24,6 +24,7 @@ from ..functions.guard import guarded
 from ..functions.layout import Layout, bound_layout
 from ..kernels.compile.interrupt import with_solution
 from ..kernels.protocol import SCALAR, VECTOR
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..notebook import of_repr
 from ..result import frames
@@ -275,6 +276,7 @@ class EnsembleSolution:
         """
         return frames.ensemble_to_pandas(self)
 
+    @with_suggestions()
     def extend(
         self, t_end: float, *, t_eval: ArrayLike | None = None, progress: bool = False, cancel: Cancel | None = None
     ) -> EnsembleSolution:

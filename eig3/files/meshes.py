@@ -45,7 +45,8 @@ def read_mesh(path: Path) -> MeshTable:
         mesh = meshio.read(path)
     except Exception as error:  # many kinds, from meshio, NumPy and XML
         raise ValueError(
-            f"{path} is not a mesh that meshio reads ({error}), and no file of atoms or mechanisms."
+            f"{path} is not a mesh that meshio reads ({error}), no data file of LAMMPS (.data, .lmp), no "
+            "atoms (.xyz, .extxyz, .pdb) and no mechanism (.xml); trajectories such as .dump and .dcd are only written."
         ) from error
     kinds = [block.type for block in mesh.cells]
     kind = _SOLID if _SOLID in kinds else _SHEET

@@ -171,7 +171,10 @@ def velocity_refused(method: Method) -> ValueError:
     """Return the error of a method that ignores the velocity, for a right-hand side that reads it."""
     if hasattr(method, "velocity"):
         return ValueError("velocity='none' needs a rhs that ignores v, and this one does not; leave it out.")
-    return ValueError(f"{method!r} needs a rhs that ignores v and has no z0; take another method.")
+    return ValueError(
+        f"{method!r} needs a rhs that ignores v and has no z0; take another method, or leave out what reads v, such "
+        "as drag, dampers and friction."
+    )
 
 
 @functools.cache

@@ -19,6 +19,7 @@ from ..functions.checks import reals
 from ..functions.extremes import Extremes
 from ..functions.first_order import FirstOrder, flat
 from ..kernels.compile.interrupt import keeping, with_solution
+from ..keywords import with_suggestions
 from ..methods import Method
 from ..notebook import of_repr
 from . import frames, storage
@@ -397,6 +398,7 @@ class Solution:
                 stacklevel=3,
             )
 
+    @with_suggestions()
     def extend(
         self,
         t_end: float,
@@ -408,6 +410,8 @@ class Solution:
         t_eval: ArrayLike | None = None,
     ) -> Solution:
         """Continue the run to a later time, bitwise as one run over the whole span.
+
+        For another method or step, run ``problem.with_(u0=solution.u[-1], v0=solution.v[-1], t_span=...)``.
 
         Parameters
         ----------

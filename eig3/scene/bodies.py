@@ -99,7 +99,8 @@ class RigidBody:
     velocity actuators of MuJoCo, and ``friction`` its ``frictionloss`` and ``damping``. ``torsional_spring`` is
     ``TorsionalSpringDamper`` of exudyn, and a rotational ``zeroLength`` element with any uniaxial material of OpenSees.
 
-    Not included: rigid limits of joints (MuJoCo's ``range``; take a ``Gap``), armature, and friction that sticks.
+    Not included: rigid limits of joints (MuJoCo's ``range``; take a ``Gap`` and a ``Cable``), armature, and friction
+    that sticks.
     """
 
     scene: Description
@@ -134,8 +135,9 @@ class RigidBody:
     def revolute(self, other: RigidBody | None, position: ArrayLike, axis: ArrayLike | None = None) -> None:
         """Add a revolute joint to another body, or to the ground, at a position, m; in space about an axis.
 
-        Its reactions are the components of the force on the other body, or on the ground, N; in space, two torques
-        across the axis follow, N m.
+        Its reactions are the components of the force on the other body, or on the ground, N. In space, two torques on
+        the body follow, N m: about the cross products of the axis with two unit vectors normal to it. These vectors are
+        ``np.linalg.svd([axis])[2][1:]`` at the start, and turn with the other body, as the axis turns with the body.
         """
         self._check_axis(axis, "a revolute joint")
         across = [] if axis is None else self._frame(axis, "axis")
@@ -150,7 +152,8 @@ class RigidBody:
         """Add a universal joint in space to another body, or to the ground, at a position, m.
 
         The cross of the joint turns about `axis`, which is fixed in the body, and about `other_axis`, which is fixed
-        in the other body. The axes are perpendicular.
+        in the other body. The axes are perpendicular. The reactions are the components of the force on the other body,
+        or on the ground, N, and the torque on the body about the cross product of axis and other_axis, N m.
         """
         self._check_space("a universal joint")
         mine, theirs = self._frame(axis, "axis")[0], self._frame(other_axis, "other_axis")[0]
@@ -163,7 +166,12 @@ class RigidBody:
         self.scene.add(Weld(), self, *([] if other is None else [other]))
 
     def prismatic(self, other: RigidBody | None, position: ArrayLike, direction: ArrayLike) -> None:
-        """Add a prismatic joint: the body slides along a direction of another body or the ground, without rotation."""
+        """Add a prismatic joint: the body slides along a direction of another body or the ground, without rotation.
+
+        Its reactions are the forces on the body along the unit vectors normal to the direction, which are
+        ``np.linalg.svd([direction])[2][1:]``, N; then the torques on the body about the cross products of the direction
+        with these vectors, and in space about the cross product of both vectors, N m.
+        """
         ahead, *across = self._frame(direction, "direction")
         place = self._place_of(other, position)
         slides = [(Along(), place, self.at(position), self._of(other, vector)) for vector in across]
