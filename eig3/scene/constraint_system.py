@@ -334,8 +334,8 @@ def _factors(system: ConstraintSystem, gradients: csr_array, weights: np.ndarray
         "; two revolute joints can be a spherical and a universal joint, and a motion in a plane can have dimension=2"
     )
     raise ValueError(
-        f"these constraints depend on each other at the start: {some}; they have {surplus} conditions too many: leave "
-        "out those that the others imply already, or begin in another position"
+        f"these constraints depend on each other at the start: {some}; the number of their conditions is too large by "
+        f"{surplus}: leave out those that the others imply already, or begin in another position"
         f"{in_space if system.table.dimension == 3 and 'revolute' in some else ''}."
     )
 
