@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import eig3
 from eig3.ensembles import ensemble, in_process, lanewise
 from eig3.ensembles.single_members import Singles
-from eig3.kernels.lanes import Layout, compile_rhs
+from eig3.kernels.lanes import BlockLayout, compile_rhs
 from eig3.kernels.protocol import SCALAR, VECTOR
 
 from .conftest import above_level, linear_spring, linear_springs
@@ -413,7 +413,7 @@ def test_the_plain_njit_of_numba_is_vectorised_too():
 )
 def test_right_hand_sides_are_vectorised(form, n, rhs, sizes, has_own_step):
     """The optimised code computes vectors, and calls no function for single values in its loop."""
-    assert compile_rhs(rhs.py_func, Layout(form, n, 64, *sizes, has_own_step)).obstacle == ""
+    assert compile_rhs(rhs.py_func, BlockLayout(form, n, 64, *sizes, has_own_step)).obstacle == ""
 
 
 def test_loops_in_functions_that_a_right_hand_side_calls_are_vectorised():
