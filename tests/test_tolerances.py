@@ -14,7 +14,7 @@ from eig3 import Status
 from eig3.kernels.compile.numba_internals import compilations
 from eig3.kernels.loops import controller
 from eig3.kernels.methods import eig3_variable
-from eig3.run import history
+from eig3.run import saved_rows
 
 from .conftest import oscillator, oscillator_vector, position, python, spring
 
@@ -723,7 +723,7 @@ def test_the_states_are_joined_in_the_memory_that_they_have():
     """A history that fits in memory must not need twice its memory at the end of the run."""
     size, before, after = map(float, python("-c", textwrap.dedent(JOINED)).split())
     assert before > size
-    assert after - before < 2.2 * history._BLOCK_BYTES < 0.7 * size
+    assert after - before < 2.2 * saved_rows._BLOCK_BYTES < 0.7 * size
 
 
 def test_a_history_that_outgrows_memory_is_kept(monkeypatch):
@@ -731,7 +731,7 @@ def test_a_history_that_outgrows_memory_is_kept(monkeypatch):
     start = oscillator, (0.0, 200.0), 1.0, 0.0
     whole = eig3.integrate(*start, **options)
     free = iter([1e9, 1e9])  # for the blocks up to 65536 and 131072 states, and then nothing is left
-    monkeypatch.setattr(history, "available_memory", lambda: next(free, 0.0))
+    monkeypatch.setattr(saved_rows, "available_memory", lambda: next(free, 0.0))
     with pytest.raises(MemoryError, match=r"the history has .* bytes and 0 are free; .*, or save_to") as caught:
         eig3.integrate(*start, **options)
     kept = caught.value.solution
