@@ -102,15 +102,15 @@ MUTANTS = {
     ],
     ("kernels/methods/rk4.py", "test_kernels.py -k step_is_the_matrix_of"): [
         ("h * h / 4 * a1", "h * h / 2 * a1"),
-        ("2 * a2 + 2 * a3", "2 * a2 + a3"),
+        ("2 * a2[j] + 2 * a3[j]", "2 * a2[j] + a3[j]"),
     ],
     ("kernels/methods/rk4.py", "test_order.py -k 'damped_forced and RK4'"): [("f(t + h, u_stage", "f(t, u_stage")],
     ("kernels/methods/ab3.py", "test_kernels.py -k step_is_the_matrix_of"): [
-        ("5 * a2 - 16 * a1", "5 * a2 - 15 * a1"),
-        ("16 * v1 + 5 * v2", "16 * v1 + 4 * v2"),
+        ("5 * a2[j] - 16 * a1[j]", "5 * a2[j] - 15 * a1[j]"),
+        ("16 * v1[j] + 5 * v2[j]", "16 * v1[j] + 4 * v2[j]"),
     ],
     ("kernels/methods/cd.py", "test_kernels.py -k lagged_central_difference"): [
-        ("w + h / 2 * a", "w + h * a"),
+        ("w[j] + h / 2 * a[j]", "w[j] + h * a[j]"),
         ("return v - h / 2 * a, a", "return v + h / 2 * a, a"),
     ],
     ("kernels/methods/eig.py", "test_family.py -k 'coefficients_are or velocities_are'"): [

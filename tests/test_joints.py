@@ -222,9 +222,9 @@ def test_what_acts_on_a_rotation_that_a_joint_prevents_is_refused(dimension):
             body.prismatic(None, np.zeros(dimension), np.eye(dimension)[0])
         else:
             body.weld(None)
-        with pytest.raises(
-            ValueError, match=r"^hinge friction \(body 0, ground\) acts on a rotation, which .* prevents"
-        ):
+        remedy = "leave it out, or for a force along" if is_slide else r"leave it out\.$"
+        message = rf"^hinge friction \(body 0, ground\) acts on a rotation, which .* prevents: {remedy}"
+        with pytest.raises(ValueError, match=message):
             scene.problem((0.0, 1.0))
 
 
@@ -287,6 +287,14 @@ def rods_beside_each_other():
     return scene
 
 
+def rods_beside_each_other_twice():
+    scene = rods_beside_each_other()
+    body, mass = scene.body(1.0, 1.0, (0.0, 9.0)), scene.mass(1.0, (2.0, 9.0))
+    for _ in range(2):
+        scene.add(effects.Rod(), body.point((1.0, 9.0)), mass)
+    return scene
+
+
 #: The joints, and the number of conditions that the others imply: a planar loop in space has 3.
 TOO_MANY = {
     loop_of_hinges: (
@@ -298,6 +306,7 @@ TOO_MANY = {
     ),
     twice_on_a_slide: (2, "prismatic joint 0 (body 1, ground)", "prismatic joint 1 (body 1, ground)"),
     rods_beside_each_other: (1, "rod 0 (body 0, mass)", "rod 1 (body 0, mass)"),
+    rods_beside_each_other_twice: (2, *(f"rod {k} (body {k // 2}, mass)" for k in range(4))),
 }
 
 

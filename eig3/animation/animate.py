@@ -56,7 +56,7 @@ def animate(
             f"t_end must be the end of the whole run, at or after t = {solution.t[-1]:g} where the solution ends, not "
             f"{t_end!r}."
         )
-    has_many = isinstance(view, Curves) or (look or {}).get("color") is not None
+    has_many = (isinstance(view, Curves) and solution.u.ndim > 1) or (look or {}).get("color") is not None
     view = _with_look(view, name, solution, look or {})
     import matplotlib as mpl
     from PIL import Image

@@ -62,10 +62,10 @@ def check_data(problem: Problem, data: Any, outputs: Mapping[str, Any], sigma: A
     if not data:
         raise ValueError("data must hold at least one series, such as {'u0': (times, values)}, but it is empty.")
     for name in data:
-        if name not in known and _ACCELERATION.fullmatch(str(name)):
+        if name not in known and _ACCELERATION.fullmatch(str(name)) and not any(map(_ACCELERATION.fullmatch, known)):
             raise ValueError(
                 "data must have names of quantities, and accelerations are none: give an output that calls rhs, such "
-                f"as outputs={{{str(name)!r}: ...}}; eig3/fitting/README.md shows it."
+                f"as outputs={{{str(name)!r}: ...}}."
             )
         if name not in known:
             raise unknown_name("data must have names of quantities, but there is", str(name), [*known], ValueError)

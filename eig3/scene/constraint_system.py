@@ -136,10 +136,10 @@ def _check_turns(cloud: Any, placed: Sequence[Placed], names: Sequence[str]) -> 
         for points in zip(*(array.tolist() for array in law.points), strict=True):
             name = _name(cloud, words(law.effect.title), points)
             if joint := held.get(name.partition("(")[2]):
-                raise ValueError(
-                    f"{name} acts on a rotation, which {joint} prevents: for a force along a prismatic joint, add "
-                    "CoulombFriction to body.centre, or a LinearDamper or another link between two points on its line."
-                )
+                remedy = "leave it out"
+                if joint.startswith("prismatic"):
+                    remedy += ", or for a force along the joint add CoulombFriction to body.centre, or a LinearDamper"
+                raise ValueError(f"{name} acts on a rotation, which {joint} prevents: {remedy}.")
 
 
 def _hinged(cloud: Any, placed: Sequence[Placed]) -> list[tuple[str, Arm, Arm]]:
@@ -341,12 +341,11 @@ def _factors(system: ConstraintSystem, gradients: csr_array, weights: np.ndarray
 
 
 def _dependent(system: ConstraintSystem, product: csr_array) -> tuple[int, str]:
-    """Return how many constraints depend on the others, and the names of the constraints that the first one joins."""
+    """Return how many conditions depend on the others, and the names of the constraints that have them."""
     diagonal = product.diagonal()
     values, vectors = np.linalg.eigh(product.toarray() / np.sqrt(np.outer(diagonal, diagonal)))
-    share = np.abs(vectors[:, 0])
+    surplus = int((values <= _DEPENDENT).sum())
+    share = np.abs(vectors[:, : surplus or 1]).max(axis=1)
     named = list(dict.fromkeys(system.names[k] for k in np.argsort(-share, kind="stable") if share[k] > 1e-6))
     named = [name for name in named if not name.startswith("rigid ")]  # a body alone is no constraint too many
-    return int((values <= _DEPENDENT).sum()), ", ".join(named[:_MOST_NAMED]) + " and others" * (
-        len(named) > _MOST_NAMED
-    )
+    return surplus, ", ".join(named[:_MOST_NAMED]) + " and others" * (len(named) > _MOST_NAMED)
