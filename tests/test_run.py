@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from eig3 import Status, drawing, problems
 from eig3.cli import main
 from eig3.command_line import NO_PICTURES, file_name
+from eig3.planning.suggested_step import first_step
 from eig3.run_report import Balance, draw, run
 from eig3.stepping.march import March
 
@@ -58,7 +59,7 @@ def usual(name):
         solution, figure = made_up(t, problem.u0 + u), Figure(layout="constrained")
         draw(figure, problem, solution, None)
         return figure, solution
-    h = problem.h or 0.1 * problem.critical_step().h
+    h = first_step(problem, "eig3", problem.t_span[1] - problem.t_span[0])
     return drawn(problem, h=h, save_every=max(1, int(problem.t_span[1] / h / 200)))
 
 

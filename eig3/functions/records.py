@@ -181,17 +181,21 @@ def skips(
 def _skipped(t: np.ndarray, x: np.ndarray, lasts: bool, t_span: tuple[float, float], h: float) -> float:
     """Return the root mean square of what a record, shape (k, s), loses if only its values at steps h are known.
 
-    It is relative to the root mean square of the record. Steps without a sample lose nothing.
+    It is relative to the root mean square of the record in the span or, if this is larger, in all of its duration: a
+    run may end where the record has hardly begun. Steps without a sample lose nothing.
     """
     samples = np.clip(t, *t_span)
     steps = np.unique(np.floor((samples - t_span[0]) / h)[:, None] + np.arange(-1, 3))  # round-off moves a sample
     at = t_span[0] + h * steps
     edges = np.unique(np.clip(np.concatenate([at, samples]), *t_span))
-    half, lost, whole = np.diff(edges) / 2, 0.0, 0.0
+    half, lost, whole, in_all = np.diff(edges) / 2, 0.0, 0.0, 0.0
     points = edges[:-1] + half * (1 + np.array([[-1.0], [1.0]]) / math.sqrt(3))  # the squares are integrated exactly
     for values in x[x.any(axis=1)]:
         record = partial(np.interp, xp=t, fp=values, left=0.0, right=values[-1] if lasts else 0.0)
         true = record(points)
         lost += float(np.sum(half * (true - np.interp(points, at, record(at))) ** 2))
         whole += float(np.sum(half * true**2))
-    return math.sqrt(lost / whole) if whole else 0.0
+        a, b = values[:-1], values[1:]
+        in_all += float(np.sum(np.diff(t) * (a * a + a * b + b * b))) / 3 / (t[-1] - t[0] or 1.0)
+    largest = max(whole, (t_span[1] - t_span[0]) * in_all)
+    return math.sqrt(lost / largest) if largest else 0.0
