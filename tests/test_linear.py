@@ -528,6 +528,9 @@ def test_what_a_step_skips_of_a_record():
     ramp = np.array([1.0, 2.0]), np.array([[0.0, 1.0]])
     assert _skipped(*ramp, False, (0.0, 9.0), 0.1) == pytest.approx(math.sqrt(0.1), rel=1e-9)
     assert _skipped(*ramp, True, (0.0, 9.0), 0.1) == pytest.approx(0.0, abs=1e-9)  # the last value acts on
+    # the first step along t^2 loses h^5 / 30, of h / 5 which is the mean in all of the record
+    square = t[:10001] / t[10000], (t[None, :10001] / t[10000]) ** 2
+    assert _skipped(*square, False, (0.0, 0.1), 0.1) == pytest.approx(0.1**2 / math.sqrt(6), rel=1e-6)
 
 
 def test_the_note_about_a_jump_names_the_member():

@@ -181,8 +181,9 @@ def skips(
 def _skipped(t: np.ndarray, x: np.ndarray, lasts: bool, t_span: tuple[float, float], h: float) -> float:
     """Return the root mean square of what a record, shape (k, s), loses if only its values at steps h are known.
 
-    It is relative to the root mean square of the record in the span or, if this is larger, in all of its duration: a
-    run may end where the record has hardly begun. Steps without a sample lose nothing.
+    It is relative to the root mean square of the record, in the span or, if the span is shorter than the record, in all
+    of the record if this is larger: a run may end where the record has hardly begun. Steps without a sample lose
+    nothing.
     """
     samples = np.clip(t, *t_span)
     steps = np.unique(np.floor((samples - t_span[0]) / h)[:, None] + np.arange(-1, 3))  # round-off moves a sample
@@ -196,6 +197,7 @@ def _skipped(t: np.ndarray, x: np.ndarray, lasts: bool, t_span: tuple[float, flo
         lost += float(np.sum(half * (true - np.interp(points, at, record(at))) ** 2))
         whole += float(np.sum(half * true**2))
         a, b = values[:-1], values[1:]
-        in_all += float(np.sum(np.diff(t) * (a * a + a * b + b * b))) / 3 / (t[-1] - t[0] or 1.0)
-    largest = max(whole, (t_span[1] - t_span[0]) * in_all)
+        in_all += float(np.sum(np.diff(t) * (a * a + a * b + b * b))) / 3
+    span, duration = t_span[1] - t_span[0], t[-1] - t[0]
+    largest = max(whole, in_all * span / duration if span < duration else 0.0)
     return math.sqrt(lost / largest) if largest else 0.0
