@@ -149,11 +149,11 @@ def test_an_ensemble_that_was_killed_at_any_moment_goes_on(case, tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=Path(__file__).parent.parent)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout.splitlines()[-1])
-    # Five files with three moments each, and three parts; the last child ends by itself.
-    assert len(found) == 5 * 3 + 3 + 1
+    # Six files with three moments each, and three parts; the last child ends by itself.
+    assert len(found) == 6 * 3 + 3 + 1
     assert {n_held for _, n_held, *_ in found} == {0, 1, 2, 3}
     assert sum(is_loaded for *_, is_loaded, _ in found) >= 5
-    names = ["ensemble.npz", *(f"part-{first:012d}.npz" for first in (0, 128, 256)), "recipe.npz"]
+    names = ["ensemble.npz", "notes.npz", *(f"part-{first:012d}.npz" for first in (0, 128, 256)), "recipe.npz"]
     assert all(left == names for *_, left in found)  # no torn file remains
 
 

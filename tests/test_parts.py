@@ -16,9 +16,10 @@ import pytest
 from distributed import Client, LocalCluster
 
 import eig3
-from eig3.ensembles import lanewise
 from eig3.ensembles.members import check_members
 from eig3.ensembles.parts import Joined, Listed, parts_of
+from eig3.functions.companions import remembered
+from eig3.kernels.compile.numba_internals import Jitted
 from eig3.kernels.protocol import SCALAR, VECTOR
 from eig3.stepping.run_options import run_options
 
@@ -181,7 +182,8 @@ def test_a_worker_compiles_a_function_once(client):
         return -p[0] * u - 0.01 * v
 
     def known(part):
-        lanes = [known for function, known in lanewise._known.items() if function.__name__ == "compiled_once"]
+        functions = [x for x in gc.get_objects() if isinstance(x, Jitted) and x.__name__ == "compiled_once"]
+        lanes = [lanes for function in functions if (lanes := remembered(function, "lanes"))]
         return os.getpid(), len(lanes), [id(compiled) for _, compiled in lanes[0].values()]
 
     options = {"h": 0.01, "params": STIFFNESS, "reduce": known, "executor": client.get_executor()}

@@ -30,6 +30,7 @@ from concurrent.futures import ProcessPoolExecutor
 
 import eig3
 from eig3 import problems
+from eig3.planning.suggested_step import first_step
 from eig3.kernels.compile.numba_internals import compilations
 
 
@@ -64,7 +65,7 @@ if __name__ == "__main__":
     built["closure"] = spring(4.0)
     tasks = {}
     for name, problem in built.items():
-        h = problem.h or min(0.1 * problem.critical_step().h, 1e-3 * problem.t_span[1])
+        h = first_step(problem, "eig3", problem.t_span[1])
         tasks[name] = problem, {"h": h, "t_end": 100 * h}
     tasks["diverges"] = built["single_dof"], {"h": 0.7}
     tasks["grows slowly"] = built["single_dof"], {"h": 0.05, "method": "rk2", "save_every": None}

@@ -36,7 +36,6 @@ def test_the_verdict_counts_runs():
 def test_the_command_writes_a_page_and_a_picture_of_true_estimates(tmp_path, capsys, monkeypatch):
     """The estimates of a smooth problem are within a factor of 2 in 99 of 100 runs without a note."""
     found, benchmark = [], trust.benchmark
-    monkeypatch.setattr(trust, "_REFINED", 2)  # there are enough runs also on a slow machine
     monkeypatch.setattr(trust, "benchmark", lambda **settings: found.extend(benchmark(**settings)))
     assert main(["bench", "trust", "--problem", "softening_spring", "--repeats", "1", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
