@@ -126,24 +126,24 @@ class VariableRun(Run):
             system, times = system.at_times, np.unique(solution.t)  # a state before and one after a reset have one time
         found = None
         with contextlib.suppress(Exception):  # a `Run` raises it again
-            other = self._repeated(system, tolerances, 1, times).stepper
-            found = None if cancel else short_with_tolerances(other, 1, times)
+            found = None if cancel else short_with_tolerances(self._start(system, tolerances, times), 1, times)
         if found is None:
-            found = compared(self._repeated(system, tolerances, 1, times).begin, cancel)
+            found = compared(VariableRun(self._start(system, tolerances, times), 1, times).begin, cancel)
         if times is None:
             return Companion.between_steps(solution, found, ratio)
         return Companion.at_same_times(solution, found, ratio)
 
-    def _repeated(self, system: System, tolerances: Tolerances, every: int, times: np.ndarray | None) -> VariableRun:
-        """Return a run from the same start, which has not begun."""
+    def _start(self, system: System, tolerances: Tolerances, times: np.ndarray | None) -> VariableStepper:
+        """Return a stepper at the start of this run."""
         stepper = self.stepper
-        span, start = (stepper.t0, stepper.t_end), (*stepper.start, guarded(stepper.p))
-        return VariableRun(VariableStepper(system, span, *start, tolerances, times), every, times)
+        start = *stepper.start, guarded(stepper.p)
+        return VariableStepper(system, (stepper.t0, stepper.t_end), *start, tolerances, times)
 
     def with_states(self, count: int) -> VariableRun:
         stepper = self.stepper
         times = None if self.times is None else np.linspace(stepper.t0, stepper.t_end, count)
-        return self._repeated(stepper.system, stepper.tolerances, max(1, stepper.index // count), times)
+        start = self._start(stepper.system, stepper.tolerances, times)
+        return VariableRun(start, max(1, stepper.index // count), times)
 
     @property
     def _compares_at_times(self) -> bool:
