@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
-from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..functions.callbacks import check_callback, form_of
 from ..functions.checks import shown
+from ..functions.companions import remembered
 from ..functions.guard import is_finite_at_start
 from ..functions.layout import MOST_AXES, unknown_name
 from ..functions.named import Parameters, has_names, in_layout
@@ -18,8 +18,6 @@ from ..functions.sparse import Sparse, is_of_scipy
 from ..kernels.protocol import SCALAR, Form
 from .member_tables import Table, table_of
 
-# Functions that do not compile. The references are weak, to free the memory of functions that are no longer used.
-_refused: WeakSet[Any] = WeakSet()
 _SIZES = (
     "params must have arrays of the same sizes for all members: resample records to the same times, add zeros at their "
     "ends, or take an ensemble for each size."
@@ -147,12 +145,13 @@ def _takes(rhs: Any, form: Form, params: Mapping[str, Any], t0: float, *starts: 
     """Return whether a right-hand side compiles for parameters of these kinds, and is finite at the first start."""
     given = Parameters(params)
     bound, inner = given.layout.bind(rhs), 0 if form is SCALAR else 1
-    if bound in _refused:
+    refused = remembered(bound, "refused")
+    if form.name in refused:
         return False
     try:
         callback = check_callback(bound, "rhs", form)
     except TypeError:
-        _refused.add(bound)
+        refused[form.name] = True
         return False
     try:
         states = (np.asarray(x, dtype=np.float64) for x in starts)

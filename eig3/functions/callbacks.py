@@ -30,7 +30,7 @@ from ..kernels.compile.numba_internals import (
     return_type,
 )
 from ..kernels.protocol import SCALAR, VECTOR, Form
-from .companions import mark
+from .companions import mark, remembered
 
 __all__ = ["Callback", "check_callback", "jit", "reads_time", "reads_velocity"]
 
@@ -164,8 +164,7 @@ def check_callback(function: Any, kind: str, form: Form, name: str | None = None
     reads = reads_velocity(function), reads_time(function)
     present = with_present_globals(function.py_func)
     callback = Callback(address_of(result), (kind, form), result, present, *reads, captured)
-    # The function holds what is known of it.
-    vars(function).setdefault("_eig3_callbacks", {})[kind, form.name] = callback
+    remembered(function, "callbacks")[kind, form.name] = callback
     return callback
 
 
